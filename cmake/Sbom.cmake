@@ -1,5 +1,5 @@
-# Makes the bill of materials of this build, SPDX 2.3 as JSON. It lists the program, and the libraries that it
-# was configured with, with the versions that CMake found. UBS_SBOM is the path of the file.
+# Makes the bill of materials of this build as an SPDX 2.3 file in JSON. The file lists the program and the
+# libraries that the build uses, with the versions that CMake found. UBS_SBOM is the path of the file.
 set(UBS_SBOM ${PROJECT_BINARY_DIR}/ubs.spdx.json)
 set(sbom_packages "")
 set(sbom_relations "")
@@ -58,7 +58,7 @@ ubs_sbom(fmt "${fmt_VERSION}" "MIT")
 ubs_sbom(nlohmann_json "${nlohmann_json_VERSION}" "MIT")
 ubs_sbom(nanoflann "${nanoflann_VERSION}" "BSD-2-Clause")
 ubs_sbom(CLI11 "${CLI11_VERSION}" "BSD-3-Clause")
-# If SOURCE_DATE_EPOCH is set, this is the time it states.
+# string(TIMESTAMP) uses the time in the environment variable SOURCE_DATE_EPOCH if it is set.
 string(TIMESTAMP sbom_time "%Y-%m-%dT%H:%M:%SZ" UTC)
 string(UUID sbom_name NAMESPACE 6ba7b811-9dad-11d1-80b4-00c04fd430c8 NAME "ubs ${PROJECT_VERSION} ${sbom_packages}"
        TYPE SHA1)

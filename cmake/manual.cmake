@@ -10,7 +10,7 @@ cmake_path(GET PROGRAM FILENAME name)
 file(MAKE_DIRECTORY ${FOLDER})
 execute_process(COMMAND ${PROGRAM} --version OUTPUT_VARIABLE version OUTPUT_STRIP_TRAILING_WHITESPACE COMMAND_ERROR_IS_FATAL ANY)
 execute_process(COMMAND ${PROGRAM} --help OUTPUT_VARIABLE help COMMAND_ERROR_IS_FATAL ANY)
-# Matches lines such as "  train    Learn a model from a data set".
+# Matches lines such as "  train    Train a model on a data set".
 string(REGEX MATCHALL "\n  [a-z]+ +[A-Z][^\n]+" commands "${help}")
 foreach(line ${commands})
   string(REGEX MATCH "([a-z]+) +(.*)" line "${line}")

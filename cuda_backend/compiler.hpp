@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The compiler of programs at run time: NVRTC (nvrtc.cpp). The library is opened when the first program is
-// compiled, and needs no GPU.
+// Compiles device programs at run time with NVRTC, the compiler library of the CUDA toolkit (nvrtc.cpp). The
+// library is opened when the first program is compiled. It does not need a GPU.
 #pragma once
 
 #include <span>
@@ -11,15 +11,17 @@
 namespace ubs::cuda {
 
 struct CompiledProgram {
-  std::string binary;  // machine code; PTX if this NVRTC does not know the capability yet
-  std::string log;     // registers and spills of each kernel, and warnings
+  std::string binary;  // machine code of the GPU, or PTX if this version of NVRTC is older than the GPU
+  std::string log;     // warnings, and the numbers of registers and spills of each kernel
 };
 
-// Opens the first of the named libraries that is an NVRTC no newer than the driver (toolkit_names() in
-// dynamic_library.hpp). Otherwise throws Error(device), saying what was found and what to install.
+// Opens the named libraries in turn until one of them is an NVRTC whose major version is not newer than the
+// CUDA version of the driver, and returns its handle. `names` and `driver` are described at toolkit_names()
+// in dynamic_library.hpp. If there is no such library, throws Error(device) with a message that says which
+// version was found, if any, and what to install.
 void* open_nvrtc(std::span<const std::string> names, int driver);
-// Returns the name and version of the compiler. Throws Error(device), saying what to install, if there is no
-// NVRTC.
+// Returns the name and version of the compiler. If there is no NVRTC, throws Error(device) with a message
+// that says what to install.
 std::string compiler_version();
 // Compiles a program for a GPU; `capability` is 90 for sm_90. Throws Error(build) with the compiler's log if
 // the program does not compile.

@@ -12,8 +12,8 @@ void check_blas(cublasStatus_t code, const char* call) {
     fail(ErrorKind::device, "{} failed with cuBLAS status {}", call, static_cast<int>(code));
 }
 
-// The functions that are used. Their binary interface is the same in all versions since 6; the types come
-// from the header.
+// The cuBLAS functions that this file calls. Their binary interface is the same in all versions of cuBLAS
+// since 6. Their types are taken from the header.
 struct Library {
   decltype(&cublasCreate_v2) create = nullptr;
   decltype(&cublasDestroy_v2) destroy = nullptr;
@@ -28,7 +28,8 @@ Library open_library() {
   void* handle = open_first(toolkit_names("libcublas", "11", driver));
   if (!handle)
     fail(ErrorKind::device,
-         "LPIPS on CUDA needs libcublas.so of the CUDA toolkit (on LD_LIBRARY_PATH); or use --device opencl");
+         "LPIPS on CUDA requires libcublas.so of the CUDA toolkit: add its folder to LD_LIBRARY_PATH, or use "
+         "--device opencl");
   Library library;
   const auto find = [handle](const char* name, auto& function) {
     find_function(handle, "cuBLAS", name, function);
@@ -59,7 +60,8 @@ class CublasGemm final : public Gemm {
   CublasGemm(const CublasGemm&) = delete;
   CublasGemm& operator=(const CublasGemm&) = delete;
 
-  // cuBLAS stores matrices by columns. The row-major product C = A B is its C^T = B^T A^T.
+  // cuBLAS expects matrices in column-major order. It reads a row-major matrix as its transpose, so the
+  // row-major product C = A B is computed as C^T = B^T A^T.
   cudaError_t operator()(const MatrixProduct& p) override {
     const float one = 1, zero = 0;
     check_blas(cublas().sgemm(handle_, CUBLAS_OP_N, CUBLAS_OP_N, p.columns, p.rows, p.inner, &one,

@@ -30,7 +30,8 @@ CudaMemory::CudaMemory(CudaDevice& device, std::string label, std::size_t bytes)
   device_.account(this->label(), static_cast<std::int64_t>(bytes));
 }
 
-// Waits, because pending work may still use the memory; it is not documented whether cudaFree waits for it.
+// Waits for pending work before freeing the memory that this work may use. The documentation of CUDA does not
+// say whether cudaFree waits for it.
 CudaMemory::~CudaMemory() {
   cudaStreamSynchronize(device_.stream_.get());
   cudaStreamSynchronize(device_.upload_stream_.get());
@@ -131,8 +132,9 @@ void CudaDevice::finish() {
   check(cudaStreamSynchronize(stream()), "cudaStreamSynchronize");
 }
 
-// Grows by at least half, so that repeated growth is amortised. The stream orders all uses of the memory, and
-// freeing it waits for them.
+// Returns scratch memory of at least `bytes` bytes. If the memory must grow, it grows by at least half, so
+// that repeated growth is amortised; if this is too much for the device, it grows to `bytes`. The stream
+// orders all uses of the memory, and freeing the old memory waits for them.
 void* CudaDevice::scratch(std::size_t bytes) {
   if (!scratch_ || scratch_->bytes() < bytes) {
     const std::size_t grown = scratch_ ? std::max(bytes, scratch_->bytes() + scratch_->bytes() / 2) : bytes;
@@ -188,7 +190,7 @@ void CudaDevice::finish_call(const char* name, cudaError_t code, cudaEvent_t beg
   cudaGetLastError();
   fail(code == cudaErrorMemoryAllocation ? ErrorKind::memory : ErrorKind::device,
        "'{}' on {} failed with {}: {}{}", name, info_.name, cudaGetErrorName(code), cudaGetErrorString(code),
-       synchronous_ ? "" : " (or in earlier work; UBS_SYNC=1 shows which)");
+       synchronous_ ? "" : " (an earlier call may have caused this error: set UBS_SYNC=1 to find it)");
 }
 
 void CudaDevice::set_profiling(bool on) {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// CudaDevice is one CUDA device and its stream: memory, ordered copies, launches with checked arguments,
-// timings.
+// CudaDevice is one CUDA device with a stream that executes all work in order. It allocates memory, copies
+// data, launches kernels with arguments whose types the C++ compiler checks, and measures times.
 #pragma once
 
 #include <algorithm>
@@ -76,7 +76,8 @@ class CudaDevice final : public Device, public TunableDevice {
   template <typename... Parameters, typename... Arguments>
   void launch(const char* name, const Kernel<void(Parameters...)>& kernel, dim3 grid, dim3 block,
               const Arguments&... arguments) {
-    static_assert(sizeof...(Parameters) == sizeof...(Arguments), "number of kernel arguments");
+    static_assert(sizeof...(Parameters) == sizeof...(Arguments),
+                  "the number of arguments differs from the number of parameters of the kernel");
     if (!kernel.symbol && !kernel.function)
       fail(ErrorKind::internal, "no program contains the kernel '{}'", name);
     if (grid.x == 0 || grid.y == 0 || grid.z == 0) return;
@@ -121,7 +122,8 @@ class CudaDevice final : public Device, public TunableDevice {
   template <typename Parameter, typename T>
   requires kKernelValue<T>
   static Parameter argument(const T& value) {
-    static_assert(std::is_same_v<Parameter, T>, "value of another type than the kernel's parameter");
+    static_assert(std::is_same_v<Parameter, T>,
+                  "the type of an argument differs from the type of the kernel's parameter");
     return value;
   }
   template <typename Parameter, typename T>
@@ -129,8 +131,8 @@ class CudaDevice final : public Device, public TunableDevice {
     return pointer;
   }
 
-  // Makes an asynchronous call, enclosed by two events when profiling. If the call fails, the error message
-  // contains `name`.
+  // Makes an asynchronous call. When profiling is on, records an event before and one after the call. If the
+  // call fails, the error message contains `name`.
   template <typename Call>
   void timed(const char* name, const Call& call) {
     make_current();
@@ -158,10 +160,10 @@ class CudaDevice final : public Device, public TunableDevice {
   std::unique_ptr<Staging> staging_;
   UploadRing uploads_;
   ReadBlocks reads_;
-  EventHandle given_;  // marks, for copy_async(), the work that was enqueued before it
+  EventHandle given_;  // marks the work enqueued before a copy_async(), for which the upload must wait
   std::unique_ptr<Memory> scratch_;
   EventHandle open_timer_;
-  std::map<std::string, LoadedProgram> modules_;  // by file and options
+  std::map<std::string, LoadedProgram> modules_;  // the key consists of the file and the sorted options
   mutable std::vector<Interval> pending_;
   mutable std::map<std::string, TimerEntry> timings_;
 };

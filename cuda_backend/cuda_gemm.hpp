@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Matrix products in float32 with cuBLAS (cublas.cpp). The library is opened at the first product, because
-// nothing else needs it, and it is larger than all other libraries together.
+// Computes matrix products in float32 with cuBLAS (cublas.cpp). cuBLAS is opened when the first Gemm is
+// created, because nothing else needs it, and it is larger than all other libraries together.
 #pragma once
 
 #include <memory>
@@ -13,11 +13,11 @@ namespace ubs::cuda {
 class Gemm {
  public:
   virtual ~Gemm() = default;
-  // Enqueues C = A B on the stream of the device.
+  // Enqueues the product C = A B on the stream of the device.
   virtual cudaError_t operator()(const MatrixProduct& product) = 0;
 };
 
-// Throws Error(device), saying what to install, if there is no cuBLAS.
+// If there is no cuBLAS, throws Error(device) with a message that says what to install.
 std::unique_ptr<Gemm> make_gemm(CudaDevice& device);
 
 }  // namespace ubs::cuda

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// ImageLossKernels runs the stage ImageLoss: the L1 + SSIM loss of an image against its target, and the
-// gradient, in two passes over tiles of all channels. It allocates nine float planes as scratch memory.
+// ImageLossKernels runs the stage ImageLoss, which computes the L1 + SSIM loss of an image against its
+// target, and the gradient of this loss. It makes one pass over the tiles of all channels for the loss, and a
+// second one for the gradient. For the gradient, it allocates nine float planes as scratch memory.
 #pragma once
 
 #include "cuda_backend/cuda_device.hpp"
@@ -15,8 +16,9 @@ class ImageLossKernels {
   void run(const ImageLoss& loss);
 
  private:
-  struct Maps {  // planes of ssim_point() with zero margins
-    int pitch = 0, plane = 0;
+  // Layout of the nine planes that hold the results of ssim_point(). Each plane has margins of zeros.
+  struct Maps {
+    int pitch = 0, plane = 0;  // numbers of floats per row and per plane
   };
   Maps prepare(const ImageShape& shape);
 

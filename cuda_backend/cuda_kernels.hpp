@@ -23,11 +23,12 @@ struct Kernel<void(Parameters...)> {
   void* function = nullptr;
 };
 
-// A set of kernels of different types, each of which is found by its type.
+// A set of kernels with different signatures. A kernel is found by its signature.
 template <typename... Signatures>
 struct KernelTable : Kernel<Signatures>... {};
 
-// kernels/map, one thread per element, compiled once for each number of dimensions (map_kernels.cu).
+// The kernels of kernels/map. They have one thread per element, and are compiled once for each number of
+// dimensions (map_kernels.cu).
 struct ProjectKernels {
   Kernel<ProjectForwardKernel> forward;
   Kernel<ProjectBackwardKernel> backward;
@@ -38,8 +39,8 @@ struct CameraKernels {
 using ParameterKernels = KernelTable<AdamKernel, WatchedAdamKernel, RegulariseKernel, AddNoiseKernel,
                                      McmcWeightsKernel, McmcDrawKernel, McmcSourcesKernel, McmcCopiesKernel>;
 // The default variant is compiled ahead of time up to this number of dimensions, which covers common data.
-// Kernels for more dimensions are compiled at run time, and so are the gradients of a camera and those
-// through the view direction.
+// Kernels for more dimensions are compiled at run time. The same holds, for any number of dimensions, for the
+// kernel of the camera gradient and for projection kernels with gradients through the view direction.
 constexpr int kLastDimAhead = 7;
 template <int dim>
 ProjectKernels project_kernels_of();
@@ -60,7 +61,8 @@ ProjectKernels compiled_project_kernels(int dim);
 ParameterKernels compiled_parameter_kernels(int dim);
 constexpr unsigned kMapBlock = 128;
 
-// raster_kernels.cu: one block per tile, one thread per pixel; sum_slots: 16 threads per splat.
+// The kernels of raster_kernels.cu. The rasterisers have one thread per pixel of a tile. sum_slots has 16
+// threads per splat.
 constexpr unsigned kSumBlock = 256;
 struct RasterKernels {
   Kernel<RasterPartsKernel> parts;
@@ -77,12 +79,13 @@ struct RasterKernels {
 struct WeightKernels {
   Kernel<MeasureWeightsKernel> measure;
 };
-// Kernels of the default variant, without and with depth.
+// Return kernels of the default variant. `plain` is without the output of depth, `depth` is with it.
 RasterKernels raster_kernels_plain();
 RasterKernels raster_kernels_depth();
 WeightKernels weight_kernels_plain();
 
-// loss_kernels.cu: kernels/gpu/loss.cl, one block per tile of one channel.
+// The kernels of kernels/gpu/loss.cl, compiled in loss_kernels.cu. They have one block per tile of one
+// channel.
 constexpr unsigned kLossBlock = 128, kLossTotalBlock = 192;
 constexpr int kLossTileX = 32;
 struct LossKernels {
@@ -91,27 +94,30 @@ struct LossKernels {
   Kernel<LossGradientKernel> gradient;
   Kernel<LossTotalKernel> total;
 };
-LossKernels loss_kernels(bool with_mask);  // without a mask the kernels do not read it
+// Returns the kernels that read the mask of the image, or, if with_mask is false, kernels that do not.
+LossKernels loss_kernels(bool with_mask);
 
-// Also in loss_kernels.cu, one thread per element: kernels/map/appearance.cl and appearance_step.cl.
+// The kernels of kernels/map/appearance.cl and appearance_step.cl, also compiled in loss_kernels.cu. They
+// have one thread per element.
 using AppearanceTable = KernelTable<MapColoursKernel, MapColoursVjpKernel, RowSumsKernel,
                                     AppearanceGradientKernel, AppearanceStepKernel>;
 AppearanceTable appearance_kernels();
 
-// sky_kernels.cu, one thread per element: kernels/map/sky.cl and sky_step.cl.
+// The kernels of kernels/map/sky.cl and sky_step.cl, compiled in sky_kernels.cu. They have one thread per
+// element.
 using SkyTable = KernelTable<DrawSkyKernel, SkyVjpKernel, RowSumsKernel, SkyGradientKernel, SkyStepKernel>;
 SkyTable sky_kernels();
 
-// Also in list_kernels.cu, one thread per element: kernels/map/drawn.cl.
+// The kernels of kernels/map/drawn.cl, compiled in list_kernels.cu. They have one thread per element.
 using DrawnTable = KernelTable<MarkDrawnKernel, PickDrawnKernel, UnpackDrawnKernel, SpreadGradientKernel>;
 DrawnTable drawn_kernels();
 
-// metric_kernels.cu, one thread per element.
+// The kernels of metric_kernels.cu. They have one thread per element.
 using MetricKernels = KernelTable<LoadImageKernel, Im2colKernel, BiasReluKernel, MaxPoolKernel,
                                   LpipsDistanceKernel, PartialSumsKernel, SsimRowsKernel, SsimColumnsKernel>;
 MetricKernels metric_kernels();
 
-// list_kernels.cu, one thread per element.
+// The kernels of list_kernels.cu. They have one thread per element.
 constexpr unsigned kListBlock = 256;
 struct ListKernels {
   Kernel<void(const u32* tile_counts, const u32* depth_keys, u32 count, u32 bits, const u64* before,
@@ -129,7 +135,8 @@ struct ListKernels {
       finish;
 };
 ListKernels list_kernels();
-// Returns the capabilities that the kernels were compiled for, ascending: 90 for sm_90.
+// Returns the compute capabilities that the kernels were compiled for, in ascending order, for example 90 for
+// sm_90.
 std::vector<int> compiled_capabilities();
 
 }  // namespace ubs::cuda

@@ -9,7 +9,8 @@
 namespace ubs::cuda {
 namespace {
 
-constexpr int kKeyBits = 32;  // positive floats need only 31 bits, but also four passes of 8 bits
+// Positive floats need only 31 bits, but sorting by 31 bits would also take four passes of 8 bits.
+constexpr int kKeyBits = 32;
 
 dim3 grid(std::uint64_t items) { return {blocks(items, kListBlock), 1, 1}; }
 
@@ -84,8 +85,8 @@ void Lists::place(const Job& job) {
   if (drawn > 0 && pairs > 0) {
     reserve(device_, tiles_, "tiles to sort", pairs);
     reserve(device_, pair_ids_, "splats to sort", pairs);
-    // The sorted keys are no longer needed, so the areas use their memory. The places use the memory of the
-    // unsorted keys.
+    // The depth keys are no longer needed, so their two buffers are reused: `areas` receives the number of
+    // tiles of each splat, and `firsts` the index of the first intersection of each splat.
     const BufferView<u32> areas = keys_sorted_.view(), firsts = keys_.view();
     device_.launch("gather_areas", kernels_.gather_areas, grid(drawn), kListBlock, order_.view(), drawn,
                    job.drawn.counted, lists.tile_rects, areas);

@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // Lists builds the tile lists (CountLists and BuildLists of host/device/stages.hpp). It sorts the visible
 // splats by depth, writes their intersections in that order, and then sorts these by tile. The sorts are
-// stable, so that every list is ordered by (depth, index). Only CountLists waits for the device. It does not
-// wait if the totals stay on the device; then buffers, launches and sorts are sized for upper bounds.
+// stable, so that every list is ordered by (depth, index). CountLists waits for the device, in order to read
+// the totals. If the caller lets the totals stay on the device (CountLists::totals), CountLists does not
+// wait, and buffers, launches and sorts are sized for upper bounds.
 #pragma once
 
 #include "cuda_backend/cuda_device.hpp"
@@ -14,15 +15,16 @@ class Lists {
  public:
   explicit Lists(CudaDevice& device) : device_(device), kernels_(list_kernels()) {}
 
-  // Slot offsets wrap if the total exceeds 2^32 - 1. The total itself is exact unless it exceeds what
-  // AddCounts can represent.
+  // Slot offsets wrap if the total number of intersections exceeds 2^32 - 1. The total itself is exact unless
+  // it exceeds the largest number that AddCounts can represent.
   ListTotals run(const CountLists& lists);
-  void run(const BuildLists& lists);  // only once per CountLists, whose results it uses up
+  // May run only once after each run of CountLists, because it overwrites intermediate results of CountLists.
+  void run(const BuildLists& lists);
 
  private:
   struct ElementCount {
-    u32 most;
-    BufferView<u32> counted = {};  // one element; only used if `most` is an upper bound
+    u32 most;                      // the number of elements, or an upper bound
+    BufferView<u32> counted = {};  // the actual number, on the device; only used if `most` is an upper bound
   };
   struct Job {
     const BuildLists& lists;
@@ -37,7 +39,7 @@ class Lists {
   Buffer<u64> before_;  // packed counts (AddCounts)
   Buffer<std::uint64_t> totals_;
   Buffer<u32> drawn_, pairs_;                    // one element each; only used with upper bounds
-  Buffer<u32> visible_;                          // ascending indices of the splats to sort; keys in keys_
+  Buffer<u32> visible_;                          // indices of the splats to sort, in ascending order
   Buffer<u32> keys_, keys_sorted_, order_;       // for the visible splats
   Buffer<u32> tiles_, tiles_sorted_, pair_ids_;  // for the intersections
 };

@@ -29,7 +29,8 @@ bool has_machine_code(int capability) {
   });
 }
 
-// Returns why none of this build's kernels runs on the GPU, or an empty string if they run. Opens the GPU.
+// Returns the reason why the kernels of this build cannot run on the GPU, or an empty string if they can.
+// Opens the GPU.
 std::string code_defect(int ordinal, int capability) {
   cudaFuncAttributes attributes{};
   cudaError_t code = cudaSetDevice(ordinal);
@@ -37,12 +38,13 @@ std::string code_defect(int ordinal, int capability) {
     code = cudaFuncGetAttributes(&attributes, reinterpret_cast<const void*>(list_kernels().fit.symbol));
   if (code == cudaSuccess) return {};
   return fmt::format(
-      "this build (sm_{}) has no code for it ({}): configure with -DCMAKE_CUDA_ARCHITECTURES={}",
+      "this build (sm_{}) has no code for this GPU ({}): configure with -DCMAKE_CUDA_ARCHITECTURES={}",
       fmt::join(compiled_capabilities(), ", sm_"), error_text(code), capability);
 }
 
-// Returns why a GPU is not offered, or an empty string if it is. A GPU that the build has machine code for is
-// not opened to answer this, because opening takes tenths of a second and hundreds of megabytes for each GPU.
+// Returns the reason why a GPU cannot be used, or an empty string if it can. If this build has machine code
+// for the GPU, the GPU is not opened, because opening takes tenths of a second and hundreds of megabytes per
+// GPU.
 std::string defect(int ordinal, int capability) {
   if (capability < kOldest) return fmt::format("the CUDA back end requires sm_{} or newer", kOldest);
   return has_machine_code(capability) ? std::string() : code_defect(ordinal, capability);
@@ -51,7 +53,7 @@ std::string defect(int ordinal, int capability) {
 DeviceInfo describe_device(const cudaDeviceProp& properties, int driver, int runtime) {
   DeviceInfo info;
   info.backend = "cuda";
-  info.sorts_by_copying = true;  // because CUB's SortPairs sorts in this way
+  info.sorts_by_copying = true;  // because SortPairs of CUB writes its result to a second array
   info.platform = fmt::format("CUDA runtime {}", version_text(runtime));
   info.vendor = "NVIDIA";
   info.name = properties.name;
@@ -74,8 +76,8 @@ struct Entry {
   DeviceInfo info;
 };
 
-// Returns the number of GPUs. Without a driver or without a GPU it is 0; this is normal and not reported. If
-// the driver cannot count the GPUs for another reason, a warning is printed once.
+// Returns the number of GPUs. Without a driver or without a GPU, returns 0 and prints nothing, because this
+// is normal. If the GPUs cannot be counted for another reason, returns 0 and prints a warning once.
 int count_cards(int driver, int runtime) {
   int count = 0;
   const cudaError_t code = cudaGetDeviceCount(&count);

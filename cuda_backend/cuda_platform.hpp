@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Lists and opens the CUDA devices of this machine. Without an NVIDIA driver there are none, which is not an
-// error: the runtime library is linked statically and looks for the driver at its first call.
+// Lists and opens the CUDA devices of this machine. Without an NVIDIA driver, the list is empty. This is not
+// an error: the CUDA runtime library is linked statically and looks for the driver at its first call.
 #pragma once
 
 #include <memory>

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Projection runs the projection of splats, forward, backward, and backward to the camera, with one thread
-// per splat.
+// Projection runs the kernels that project splats: the forward pass, the backward pass to the parameters of
+// the splats, and the backward pass to the camera. The first two have one thread per splat.
 #pragma once
 
 #include "cuda_backend/cuda_device.hpp"

@@ -25,8 +25,8 @@ Raster::Raster(CudaDevice& device, const KernelConfig& config)
 void Raster::run(const RasterForward& work) {
   check_raster(work, work.masks.size > 0);
   if (work.masks.size > 0) check_list_states(work);
-  require(work.transmittance.size >= work.shape.plane(), "the transmittance is smaller than its plane");
-  require(!config_.depth || work.depth.size >= work.shape.plane(), "the depth is smaller than its plane");
+  require(work.transmittance.size >= work.shape.plane(), "the buffer for the transmittance is too small");
+  require(!config_.depth || work.depth.size >= work.shape.plane(), "the buffer for the depth is too small");
   const ImageShape& shape = work.shape;
   const auto parts = work.long_lists.size == 0
                          ? 0
@@ -54,9 +54,9 @@ void Raster::run(const RasterBackward& work) {
   check_backward(config_, "raster backward");
   check_raster(work, true);
   check_list_states(work);
-  require(work.v_image.size >= 3 * work.shape.plane(), "v_image is smaller than its three planes");
-  require(work.slots.count <= 1,
-          "the slots must be in a single buffer");  // in CUDA, one buffer can use all memory
+  require(work.v_image.size >= 3 * work.shape.plane(), "the buffer for v_image is too small");
+  // In CUDA, a single buffer may be as large as the memory of the device, so slots are never divided.
+  require(work.slots.count <= 1, "the slots must be in a single buffer");
   device_.launch("raster_backward", kernels_.backward, static_cast<unsigned>(list_segments(work)),
                  kTileThreads, work.records, work.sorted_ids, work.sorted_slots, work.tile_ranges,
                  work.shape.tiles_x(), work.shape.tiles_y(), work.shape.width, work.shape.height, work.image,
@@ -66,9 +66,9 @@ void Raster::run(const RasterBackward& work) {
 void Raster::run(const SumSlots& work) {
   check_backward(config_, "sum of slots");
   require(work.tile_counts.size >= work.count && work.slot_offsets.size >= work.count,
-          "tile_counts or slot_offsets is shorter than count");
+          "tile_counts or slot_offsets has fewer elements than there are splats");
   require(work.v_records.size >= static_cast<std::size_t>(work.count) * kGradStride,
-          "v_records is shorter than count");
+          "v_records has fewer rows than there are splats");
   device_.launch("sum_slots", kernels_.sum_slots, blocks(std::uint64_t{work.count} * kGradStride, kSumBlock),
                  kSumBlock, work.count, work.tile_counts, work.slot_offsets, work.slots.pieces[0], work.masks,
                  work.v_records);

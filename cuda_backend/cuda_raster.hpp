@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Raster runs the rasterisers, the sum over slots and the weights of splats. Contracts: RasterForward,
-// RasterBackward, SumSlots and MeasureWeights in host/device/stages.hpp. KernelConfig::raster has no effect
-// here.
+// Raster runs the rasterisers, the sum over gradient slots, and the measurement of the weights of splats.
+// Their contracts are described at RasterForward, RasterBackward, SumSlots and MeasureWeights in
+// host/device/stages.hpp. KernelConfig::raster has no effect, because CUDA has only the rasterisers with one
+// thread per pixel.
 #pragma once
 
 #include <optional>

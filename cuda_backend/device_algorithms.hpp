@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Prefix sums and the radix sort of the CUDA back end, implemented with CUB. This interface keeps CUB out of
 // other files, because CUB takes long to compile. All functions are deterministic and enqueue their work on
-// the stream.
+// `stream`.
 #pragma once
 
 #include <cuda_runtime_api.h>
@@ -18,10 +18,12 @@ struct Workspace {
   std::size_t bytes = 0;
 };
 
-// Numbers of splats and tiles, packed into one value: the splats in the lower `bits` bits, the tiles above
-// (see Lists::run() in cuda_lists.cpp). ToCounts packs those of one splat, and AddCounts adds those of two
-// ranges. If the number of tiles overflows, it becomes the largest possible one, regardless of how the splats
-// are divided into ranges.
+// ToCounts and AddCounts are the operators of a prefix sum that counts visible splats and their tiles at the
+// same time (Lists::run() in cuda_lists.cpp). A packed value contains the number of visible splats in its
+// lower `bits` bits and the number of tiles in the remaining upper bits. ToCounts returns the packed value of
+// one splat from its number of tiles, and AddCounts adds the packed values of two ranges of splats. If the
+// sum of the tiles overflows, it becomes the largest number that fits, regardless of how the splats are
+// divided into ranges.
 struct ToCounts {
   u32 bits;
   __host__ __device__ u64 operator()(u32 tiles) const {
@@ -36,15 +38,15 @@ struct AddCounts {
   }
 };
 
-// before[i] = sum (AddCounts) of the packed counts (ToCounts) of the splats before i.
+// Computes before[i], the sum (AddCounts) of the packed counts (ToCounts) of the splats before splat i.
 cudaError_t scan_counts(Workspace& workspace, const u32* tile_counts, u64* before, u32 count, u32 bits,
                         cudaStream_t stream);
-// out[i] = in[0] + ... + in[i - 1], 32 bits.
+// Computes out[i] = in[0] + ... + in[i - 1] in 32 bits.
 cudaError_t scan_exclusive(Workspace& workspace, const u32* in, u32* out, u32 count, cudaStream_t stream);
-// out[i] = in[0] + ... + in[i], 64 bits.
+// Computes out[i] = in[0] + ... + in[i] in 64 bits.
 cudaError_t scan_inclusive(Workspace& workspace, const u32* in, u64* out, u32 count, cudaStream_t stream);
-// Sorts in ascending order by the bits first_bit .. last_bit - 1 of the keys; the sort is stable. No array
-// may overlap another.
+// Sorts keys with their values in ascending order of the bits first_bit to last_bit - 1 of the keys. The sort
+// is stable. No array may overlap another.
 cudaError_t sort_pairs(Workspace& workspace, const u32* keys_in, u32* keys_out, const u32* values_in,
                        u32* values_out, u32 count, int first_bit, int last_bit, cudaStream_t stream);
 

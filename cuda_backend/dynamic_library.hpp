@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Functions to open libraries of the CUDA toolkit at their first use, so that the program starts without the
-// toolkit.
+// Functions that open libraries of the CUDA toolkit at their first use, so that the program also starts
+// without the toolkit.
 #pragma once
 
 #include <dlfcn.h>
@@ -14,13 +14,13 @@
 namespace ubs::cuda {
 
 // Returns the names under which a library of the toolkit may be found, in the order to try them. `eleven` is
-// the version that the library has in CUDA 11, for example "11.2" for "libnvrtc". A driver loads code that
-// libraries of its own or an older major version produce, but not that of newer ones. Therefore names without
-// a version, which may be newer, come last. driver: result of cudaDriverGetVersion, 12040 for CUDA 12.4; 0
-// without a driver.
+// the version that the library has in CUDA 11, for example "11.2" for "libnvrtc". `driver` is the result of
+// cudaDriverGetVersion, for example 12040 for CUDA 12.4, or 0 without a driver.
+// A driver can load code from libraries of its own or an older major version, but not from newer libraries.
+// Therefore names without a version come last, because they may refer to a newer library.
 inline std::vector<std::string> toolkit_names(const std::string& stem, const std::string& eleven,
                                               int driver) {
-  constexpr int kNewest = 13;  // used without a driver, in tests
+  constexpr int kNewest = 13;  // major version to start with if there is no driver, as in tests
   std::vector<std::string> names;
   for (int major = driver > 0 ? driver / 1000 : kNewest; major >= 12; --major)
     names.push_back(fmt::format("{}.so.{}", stem, major));

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Computation of grid sizes, launches of kernels over elements, and prefix sums.
+// Functions and classes that compute grid sizes, launch kernels with one thread per element, and compute
+// prefix sums.
 #pragma once
 
 #include <functional>
@@ -13,12 +14,12 @@ namespace ubs::cuda {
 inline unsigned blocks(std::uint64_t items, unsigned block) {
   const std::uint64_t count = (items + block - 1) / block;
   if (count > 0x7fffffffu)
-    fail(ErrorKind::memory, "{} items exceed the largest grid of a CUDA launch", items);
+    fail(ErrorKind::memory, "{} elements are more than one launch of a CUDA kernel can process", items);
   return static_cast<unsigned>(count);
 }
 
-// Launches kernels of kernels/map with one thread per element. `find` looks up the kernels at the first
-// launch.
+// MapKernels launches kernels of kernels/map with one thread per element. `find` returns the table of
+// kernels; it is called at the first launch.
 template <typename Table>
 class MapKernels {
  public:
@@ -51,12 +52,13 @@ class MapKernels {
 class Sums {
  public:
   explicit Sums(CudaDevice& device) : device_(device) {}
-  // `in` has count + 1 elements like `out`, and may be the same buffer.
+  // `in` and `out` have count + 1 elements each. They may be the same buffer.
   void exclusive(BufferView<u32> in, BufferView<u32> out, u32 count) {
     device_.algorithm("place_drawn", [&](Workspace& workspace) {
       return scan_exclusive(workspace, pointer_of(in), pointer_of(out), count + 1, device_.stream());
     });
   }
+  // `in` has count elements, and `out` has count + 1 elements.
   void exclusive(BufferView<u32> in, BufferView<u64> out, u32 count) {
     device_.fill_zero(*out.memory, 0, sizeof(u64));
     device_.algorithm("mcmc_prefix", [&](Workspace& workspace) {

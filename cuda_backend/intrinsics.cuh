@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Functions for instructions that CUDA C++ makes available only in headers that NVRTC does not include, or
-// not at all. With UBS_CUDA_ON_HOST the instructions are emulated, for the build that runs on the host
+// Functions that execute single instructions of the GPU: approximations of 2^y, log2(x) and 1/x. CUDA C++ has
+// no functions for these instructions, or has them only in headers that NVRTC does not include. If
+// UBS_CUDA_ON_HOST is defined, the instructions are emulated for the build that runs on the host
 // (tests/cuda).
 
 #ifdef UBS_CUDA_ON_HOST

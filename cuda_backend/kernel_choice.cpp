@@ -17,8 +17,8 @@ bool compiled_ahead(const Options& switches, int dim) {
   return dim <= kLastDimAhead && compiled_ahead(switches);
 }
 
-// Kernels without a backward pass are not compiled separately: the kernels of the default variant also work
-// without masks.
+// Returns the configuration with the backward pass enabled. A configuration without a backward pass uses the
+// same kernels that were compiled ahead of time, because these also work without masks and slots.
 KernelConfig with_backward(KernelConfig config) {
   config.backward = true;
   return config;

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Selects the kernels for a configuration: those compiled ahead of time for the default variant, or a program
-// that is compiled at run time (docs/cuda.md). If UBS_KERNEL_DIR replaces the sources, all kernels for which
-// this is possible are compiled at run time.
+// Selects the kernels for a configuration: either those that were compiled ahead of time for the default
+// variant, or those of a program that is compiled at run time (docs/cuda.md). If the environment variable
+// UBS_KERNEL_DIR names a folder that replaces the sources, all kernels for which this is possible are
+// compiled at run time.
 #pragma once
 
 #include "cuda_backend/cuda_device.hpp"

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tile lists: the kernels around the sorts and prefix sums of device_algorithms.cu. They select the visible
-// splats, write (tile, splat) in depth order, and compute the slots and the first intersection of each tile.
-// If there is no backward pass, the pointers for slots and their offsets are null and nothing is written
-// there.
+// The kernels that build the tile lists, together with the sorts and prefix sums of device_algorithms.cu.
+// They select the visible splats, write pairs of tile and splat in depth order, and compute the slot of each
+// pair and the first pair of each tile. A pair of tile and splat is called an intersection.
+// If there is no backward pass, the pointers to slots and slot offsets are null, and these are not written.
 // If the host does not know the numbers of elements (kernels/map/tile_rect.h), launches and sorts are sized
 // for upper bounds. The unused elements get the largest key, so that the sort leaves them at the end.
 #include <cuda_runtime.h>
@@ -32,8 +32,9 @@ __device__ __forceinline__ size_t global_index() {
 
 constexpr u32 kLargestKey = 0xffffffffu;
 
-// Lists the visible splats in their order, and after them all others with the largest key, because the number
-// of sorted elements may be an upper bound.
+// Writes the indices of the visible splats in ascending order, with their depths as keys. The other splats
+// follow with the largest key, because the number of elements to sort may be an upper bound. The thread of
+// the last splat also writes the total numbers of visible splats and of intersections.
 __global__ void write_counts(const u32* tile_counts, const u32* depth_keys, u32 count, u32 bits,
                              const u64* before, u32* visible_ids, u32* keys, u32* slot_offsets, u64* totals) {
   const size_t i = global_index();
@@ -53,16 +54,17 @@ __global__ void write_counts(const u32* tile_counts, const u32* depth_keys, u32 
   }
 }
 
-// Computes the number of tiles of each splat in depth order. The prefix sums over all `most` elements
-// are the positions of the intersections.
+// Computes the number of tiles of each splat in depth order, and 0 for unused elements. The prefix sums of
+// these numbers are the indices of the first intersections of the splats.
 __global__ void gather_areas(const u32* order, u32 most, const u32* counted, const u32* tile_rects, u32* areas) {
   const size_t i = global_index();
   if (i >= most) return;
   areas[i] = i < listed(most, counted) ? tile_rect_area(rect_of(tile_rects, order[i])) : 0;
 }
 
-// Writes the intersections. The work is balanced for rectangles of any size: a thread finds its splat by
-// bisection, first for the block as a whole, then between the ends of the block.
+// Writes the intersections, with one thread per intersection, so that the work is balanced for rectangles of
+// any size. Two threads of a block find by bisection the splats of the first and the last intersection of the
+// block. Then each thread finds the splat of its own intersection by bisection between these two.
 __global__ void __launch_bounds__(kListBlock)
     emit_intersections(const u32* order, const u32* firsts, u32 most_drawn, const u32* drawn, u32 most_pairs,
                        const u32* pairs, const u32* tile_rects, u32 tiles_x, u32* tiles, u32* ids,
@@ -90,11 +92,12 @@ __global__ void __launch_bounds__(kListBlock)
   ids[place] = id;
 }
 
-// Computes the slots of the intersections and the ranges of the tiles, with one thread per intersection and one
-// additional thread. The slot is computed from tile and rectangle, so that the sort moves 8 instead of 12 bytes per
-// intersection. The thread at which the list of a tile starts writes the range of that tile and those of the empty
-// tiles before it; a bisection for each tile takes longer (docs/results/2026-11-27-h200-slots.md).
-// long_lists is set if a list is long; emit_intersections has cleared it.
+// Computes the slot of each intersection and the range of list entries of each tile, with one thread per
+// intersection and one additional thread. The slot is computed from the tile and the rectangle of the splat,
+// so that the sort moves 8 instead of 12 bytes per intersection. The thread at which the list of a tile
+// starts writes the range of this tile and those of the empty tiles before it. A bisection for each tile
+// would take longer (docs/results/2026-11-27-h200-slots.md).
+// Sets *long_lists to 1 if a list has more than kLongList entries. emit_intersections has set it to 0 before.
 __global__ void finish_lists(const u32* tiles_sorted, const u32* ids, u32 most_pairs, const u32* pairs,
                              u32 tiles, u32 tiles_x, const u32* tile_rects, const u32* slot_offsets,
                              u32* slots, u32* tile_ranges, u32* long_lists) {

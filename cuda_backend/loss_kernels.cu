@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// This file contains the kernels of the image loss (kernels/gpu/loss.cl), without and with a mask, and those
-// of the appearance of photographs (kernels/map/appearance.cl).
+// This file contains the kernels of the image loss (kernels/gpu/loss.cl), once without and once with a mask,
+// and the kernels of the appearance of photographs (kernels/map/appearance.cl and appearance_step.cl).
 #include <cuda_runtime.h>
 #include <math.h>
 

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The gradient of the camera (kernels/map) as CUDA. Requires UBS_CAMERA_GRAD.
+// The kernel camera_backward of kernels/map/camera.cl, compiled as CUDA. It computes the gradient of the
+// camera. Requires UBS_CAMERA_GRAD.
 // clang-format off
 #include "kernels/map/records.h"
 #include "kernels/map/project.cl"

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The shared map kernels (kernels/map) as CUDA, compiled once for each UBS_N.
+// The kernels of kernels/map that both back ends share, compiled as CUDA. This file is compiled once for each
+// number of dimensions UBS_N.
 #include <cuda_runtime.h>
 #include <math.h>
 

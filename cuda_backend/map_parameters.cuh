@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The other kernels of kernels/map that depend on the variant of a model, as CUDA: Adam, penalties,
-// relocation, noise.
+// The kernels of kernels/map that change the parameters of splats, compiled as CUDA: Adam steps, penalties,
+// relocation and noise.
 // clang-format off
 #include "kernels/map/adam_row.h"
 #include "kernels/map/adam.cl"

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The projection of kernels/map as CUDA: project_forward, project_backward.
+// The projection kernels project_forward and project_backward of kernels/map, compiled as CUDA.
 // clang-format off
 #include "kernels/map/records.h"
 #include "kernels/map/project.cl"

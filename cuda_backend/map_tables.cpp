@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Selects the compiled map kernels for a number of dimensions.
+// Selects, by the number of dimensions, the map kernels that were compiled ahead of time.
 #include "cuda_backend/cuda_kernels.hpp"
 #include "host/base/error.hpp"
 

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The operations of image metrics: the shared kernels of metric_kernels.cu, and matrix products by cuBLAS.
+// CudaMetricOps runs the operations of image metrics: the kernels of metric_kernels.cu, and matrix products
+// with cuBLAS.
 #include "cuda_backend/cuda_gemm.hpp"
 #include "cuda_backend/grid.hpp"
 #include "host/device/map_metric_ops.hpp"
@@ -19,7 +20,8 @@ class CudaMetricOps final : public MapMetricOps<MapKernels<MetricKernels>> {
     device_.call("matrix_product", [&] { return (*gemm_)(a); });
   }
   std::size_t matrix_bytes() const override { return kMatrixBytes; }
-  std::size_t product_bytes(const MatrixProduct&) const override { return 0; }  // without cuBLAS's own memory
+  // Does not count the memory that cuBLAS allocates for itself.
+  std::size_t product_bytes(const MatrixProduct&) const override { return 0; }
 
  private:
   CudaDevice& device_;

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Uses the driver API, because the runtime library only has these functions since CUDA 12.8. The driver is
-// not linked; the runtime has already opened it if a device exists.
+// Loads modules with the driver API, because the runtime API has functions for this only since CUDA 12.8. The
+// driver library is not linked, but opened at the first use. If a device exists, the CUDA runtime has already
+// opened the library.
 #include "cuda_backend/module.hpp"
 
 #include <cuda.h>

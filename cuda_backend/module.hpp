@@ -19,7 +19,7 @@ class Module {
   Module(const Module&) = delete;
   Module& operator=(const Module&) = delete;
 
-  // The kernel must have the parameters of `Signature`.
+  // Makes `kernel` refer to the kernel called `name`, which must have the parameters of `Signature`.
   template <typename Signature>
   void bind(Kernel<Signature>& kernel, const char* name) const {
     kernel.function = function(name);
@@ -30,7 +30,7 @@ class Module {
   void* handle_ = nullptr;
 };
 
-// Launches a kernel. arguments: addresses of the values, as for cudaLaunchKernel.
+// Launches a kernel of a Module. `arguments` are the addresses of the values, as for cudaLaunchKernel.
 cudaError_t launch_function(void* function, dim3 grid, dim3 block, void** arguments, cudaStream_t stream);
 
 }  // namespace ubs::cuda

@@ -12,8 +12,8 @@
 namespace ubs::cuda {
 namespace {
 
-// The functions that are used. Their binary interface is the same in all versions since 11.2; the types come
-// from the header.
+// The NVRTC functions that this file calls. Their binary interface is the same in all versions of NVRTC since
+// 11.2. Their types are taken from the header.
 struct NvrtcLibrary {
   decltype(&nvrtcVersion) version = nullptr;
   decltype(&nvrtcGetErrorString) error_string = nullptr;
@@ -74,7 +74,7 @@ ProgramHandle create(const ProgramText& text) {
     headers.push_back(header.text.c_str());
     names.push_back(header.name.c_str());
   }
-  headers.push_back("");  // dialect.h includes it; NVRTC has its functions built in
+  headers.push_back("");  // an empty math.h, because dialect.h includes it, but its functions are built in
   names.push_back("math.h");
   nvrtcProgram program = nullptr;
   check_nvrtc(nvrtc().create(&program, text.main.text.c_str(), text.main.name.c_str(),
@@ -87,9 +87,9 @@ using Size = nvrtcResult (*)(nvrtcProgram, size_t*);
 using Get = nvrtcResult (*)(nvrtcProgram, char*);
 std::string take(nvrtcProgram program, Size size, Get get) {
   std::size_t bytes = 0;
-  check_nvrtc(size(program, &bytes), "size of NVRTC's result");
+  check_nvrtc(size(program, &bytes), "reading the size of a result of NVRTC");
   std::string text(bytes, '\0');
-  check_nvrtc(get(program, text.data()), "NVRTC's result");
+  check_nvrtc(get(program, text.data()), "reading a result of NVRTC");
   return text;
 }
 
@@ -143,7 +143,8 @@ CompiledProgram compile_program(const ProgramSpec& spec, int capability) {
   Options options = spec.options;
   options.push_back(fmt::format("--gpu-architecture={}_{}", machine_code ? "sm" : "compute", known));
   options.push_back("--std=c++17");
-  options.push_back("--diag-suppress=550");  // "set but never used": gradients that UBS_NO_V_SHAPE omits
+  // Warning 550 is "set but never used". It occurs for gradients that UBS_NO_V_SHAPE does not use.
+  options.push_back("--diag-suppress=550");
   if (machine_code) options.push_back("--ptxas-options=-v");
   std::vector<const char*> texts;
   for (const std::string& option : options) texts.push_back(option.c_str());

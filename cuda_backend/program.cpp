@@ -18,7 +18,8 @@ std::string included_name(const std::string& line) {
   return line.substr(kInclude.size(), line.find('"', kInclude.size()) - kInclude.size());
 }
 
-// Adds all included files, regardless of any #if around them. Files that are not used cost nothing.
+// Adds all files that `text` includes, directly or indirectly, regardless of any #if around an #include line.
+// Files that the compiler then skips do no harm.
 void add_headers(const std::string& text, std::vector<SourceText>& headers) {
   std::istringstream lines(text);
   for (std::string line; std::getline(lines, line);) {

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// ProgramSpec describes device code that is compiled at run time for a specialisation: its file, macros and
-// kernels. program_text() returns the text that the compiler gets. The kernels are `extern "C"`, so that they
-// are found by their names.
+// ProgramSpec describes device code that is compiled at run time for one kernel configuration: its file,
+// macros and kernels. program_text() returns the text that is passed to the compiler. The kernels are
+// `extern "C"`, so that they can be found by their names.
 #pragma once
 
 #include <string>
@@ -12,9 +12,11 @@
 namespace ubs::cuda {
 
 struct ProgramSpec {
-  std::string file;                  // "cuda_backend/raster_program.cuh", included after shared_math.cuh
-  std::vector<std::string> kernels;  // the kernels in it
-  Options options;                   // "-DNAME=VALUE", and options of NVRTC
+  // Path of the file, for example "cuda_backend/raster_program.cuh". The program includes shared_math.cuh
+  // before this file.
+  std::string file;
+  std::vector<std::string> kernels;  // names of the kernels in the program
+  Options options;                   // macros as "-DNAME=VALUE", and options of NVRTC
 };
 
 struct SourceText {
@@ -22,7 +24,7 @@ struct SourceText {
 };
 struct ProgramText {
   SourceText main;
-  std::vector<SourceText> headers;  // all included files, by the names in the #include lines
+  std::vector<SourceText> headers;  // all included files, with the names that the #include lines use
 };
 ProgramText program_text(const ProgramSpec& spec);
 

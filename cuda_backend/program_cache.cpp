@@ -46,7 +46,7 @@ std::string load(const fs::path& file) {
   return checksum(text) == expected ? text : std::string();
 }
 
-// Errors are ignored: without the cache the next start only takes longer.
+// Writes a cache file. Errors are ignored, because without the file the next start only takes longer.
 void save(const fs::path& file, const std::string& binary) {
   const std::uint32_t sum = checksum(binary);
   std::string text(reinterpret_cast<const char*>(&sum), sizeof sum);

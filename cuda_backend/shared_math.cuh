@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// The shared mathematics (kernels/math) as CUDA: one lane per value, specialised by UBS_N. Each .cu file
-// includes this file once, inside namespace ubs::cuda and an unnamed namespace, so that files with different
-// UBS_N can be linked together. Therefore system headers must be included before it. Programs that are
-// compiled at run time start with it.
+// The mathematics that all back ends share (kernels/math), compiled as CUDA. Each thread computes one value,
+// and the number of dimensions is UBS_N. Each .cu file includes this file once, inside namespace ubs::cuda
+// and an unnamed namespace, so that files with different UBS_N can be linked together. Therefore system
+// headers must be included before this file. Programs that are compiled at run time include it first.
 
 // clang-format off
 #include "kernels/dialect/dialect.h"

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The sky behind the splats: kernels/map/sky.cl and sky_step.cl with harmonics up to degree 2.
+// The kernels of the learnt sky behind the splats (kernels/map/sky.cl and sky_step.cl). The sky consists of
+// spherical harmonics up to degree 2.
 #include <cuda_runtime.h>
 #include <math.h>
 

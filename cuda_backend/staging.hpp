@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Transfers through pinned host memory. Uploads are first copied to a ring of pinned buffers, so that the
-// transfer is enqueued like a kernel and the host continues immediately. For pageable memory, the driver
-// would wait for the stream first, so the upload of the learning rates would block the host in every
-// iteration.
+// Classes that transfer data between host and device through pinned host memory. Uploads are first copied to
+// a ring of pinned buffers, so that the transfer is enqueued like a kernel and the host continues
+// immediately. If data were uploaded from pageable memory, the driver would wait for the stream first. In
+// training, the upload of the learning rates would then block the host in every iteration.
 #pragma once
 
 #include <array>
@@ -23,13 +23,14 @@ struct PinnedReleaser {
 using PinnedMemory = std::unique_ptr<std::byte, PinnedReleaser>;
 PinnedMemory pinned_memory(std::size_t bytes);
 
+// Staging has eight pinned slots of 256 KiB, which are used in turn.
 class Staging {
  public:
   Staging();
 
-  // Returns as soon as `from` may be changed. The copy itself is ordered on the stream.
+  // Enqueues a copy to the device on the stream. Returns as soon as `from` may be changed.
   void upload(void* to, std::span<const std::byte> from, cudaStream_t stream);
-  // Waits for all work on the stream and then for the copy.
+  // Copies from the device to `to`. Waits for all work on the stream and for the copy.
   void download(std::span<std::byte> to, const void* from, cudaStream_t stream);
 
  private:
@@ -42,8 +43,8 @@ class Staging {
   std::size_t next_ = 0;
 };
 
-// Small pinned blocks for copies that the host reads later. cudaMallocHost is too slow to call for every
-// copy, so a block is reused after its reader has been destroyed.
+// ReadBlocks holds small pinned blocks for copies that the host reads later. A call of cudaMallocHost for
+// every copy would be too slow, so a block is reused after the CudaRead that used it has been destroyed.
 class ReadBlocks {
  public:
   struct Block {
@@ -59,8 +60,9 @@ class ReadBlocks {
   std::vector<Block> free_;
 };
 
-// A copy of at most ReadBlocks::kBytes. The caller must record arrived() after the copy, or after the work
-// that it is launched with.
+// CudaRead is a copy of at most ReadBlocks::kBytes bytes from the device to the host. The constructor
+// enqueues the copy on the stream. Then the caller must record the event arrived() on the same stream; wait()
+// waits for this event.
 class CudaRead final : public PendingRead {
  public:
   CudaRead(ReadBlocks& blocks, const void* from, std::size_t bytes, cudaStream_t stream);
@@ -76,14 +78,16 @@ class CudaRead final : public PendingRead {
   std::size_t bytes_;
 };
 
-// Pinned copies of whole arrays, which are uploaded on a separate stream. Unlike the slots above they are as
-// large as the arrays, because waiting for a free slot would mean waiting for the stream that the uploads run
-// in parallel with.
+// UploadRing holds pinned copies of whole arrays that are uploaded on a separate stream. Unlike the slots of
+// Staging, its buffers are as large as the arrays. With small slots, the host would have to wait for a free
+// slot, and thus for the main stream, because an upload starts only after the earlier work of the main
+// stream.
 class UploadRing {
  public:
-  // Returns as soon as `from` may be changed. Waits for the second to last upload, whose buffer it reuses.
+  // Enqueues a copy to the device on the stream. Returns as soon as `from` may be changed. There are two
+  // buffers, so this function first waits for the last upload but one, whose buffer it reuses.
   void upload(void* to, std::span<const std::byte> from, cudaStream_t stream);
-  // Makes a stream wait for all uploads so far.
+  // Makes `stream` wait for all uploads that have been enqueued so far.
   void join(cudaStream_t stream);
 
  private:
@@ -94,7 +98,9 @@ class UploadRing {
   };
   std::array<Slot, 2> slots_;
   std::size_t next_ = 0;
-  cudaEvent_t unjoined_ = nullptr;  // event of the last upload; earlier ones are on the same stream
+  // Event of the last upload after the last join(). It also covers earlier uploads, which are on the same
+  // stream.
+  cudaEvent_t unjoined_ = nullptr;
 };
 
 }  // namespace ubs::cuda

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The program that measures the weights of splats. Its kernel is measure_weights.
+// The program that measures the weights of splats, that is, how much they affect the pixels. Its kernel is
+// measure_weights.
 // clang-format off
 #include "kernels/gpu/words.h"
 #include "kernels/gpu/exchange.h"

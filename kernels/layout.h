@@ -3,7 +3,7 @@
 // The host code includes this header as well.
 #pragma once
 
-#ifndef UBS_OPENCL  // OpenCL programs are one concatenated source
+#ifndef UBS_OPENCL  // for OpenCL, the host concatenates all files of a program
 #include "kernels/variant.h"
 #endif
 
@@ -15,7 +15,7 @@
 
 // The query dimensions are, in this order: view direction (3), time (1), further values.
 #define UBS_HAS_DIRECTION (UBS_C >= 3)
-#define UBS_FIRST_VALUE (UBS_HAS_DIRECTION ? 3 : 0)  // query dimensions from here on are stored in the camera record
+#define UBS_FIRST_VALUE (UBS_HAS_DIRECTION ? 3 : 0)  // from this query dimension on, the camera record has the values
 
 // ---- Parameters: row k of splat i is params[k * stride + i]; the rows have the same order as in the model file ----
 enum {
@@ -25,11 +25,11 @@ enum {
   // the lobes, field by field (lobe_row() of math/colour.h).
   kRowRgb = 3,
   kRowOpacity = kRowRgb + (UBS_COLOUR ? 3 * UBS_SH_COUNT : 3) + 6 * UBS_LOBES,
-  kRowBeta = kRowOpacity + 1,  // of the spatial kernel
+  kRowBeta = kRowOpacity + 1,  // the raw beta of the spatial kernel
   kRowQueryBeta = kRowBeta + (kHasSpatialBeta ? 1 : 0),
   kRowMean = kRowQueryBeta + (kHasQueryBeta ? UBS_C : 0),
   kRowScale = kRowMean + UBS_C,
-  kRowL = kRowScale + UBS_N,  // with rotations as quaternions: the quaternion
+  kRowL = kRowScale + UBS_N,  // a triangle of N (N - 1) / 2 values, or a quaternion
   kRowCount = kRowL + (UBS_ROT_MODE == UBS_ROT_QUATERNION ? 4 : UBS_N * (UBS_N - 1) / 2)
 };
 // Position of element (i, j), i > j, in the packed strict lower triangle (method.md 1.2).
@@ -50,7 +50,7 @@ enum {
   X(6, kRowScale, kRowL, row) X(7, kRowL, kRowCount, row)
 #define UBS_LESS_FROZEN(g, first, last, row) \
   - ((UBS_FROZEN >> (g)&1) && (row) > (first) ? ((row) < (last) ? (row) - (first) : (last) - (first)) : 0)
-// Row in the gradients and moments that belongs to a row of the parameters.
+// The row of the gradients and moments that belongs to this row of the parameters.
 #define UBS_TRAINED_ROW(row) ((row) UBS_GROUPS(UBS_LESS_FROZEN, row))
 enum { kTrainedRows = UBS_TRAINED_ROW(kRowCount) };
 
@@ -76,7 +76,7 @@ enum {
   kSplatR, kSplatG, kSplatB,
   kSplatHx, kSplatHy,            // half extents of the footprint [px]
   kSplatDepth,                   // z of the conditional mean in the camera frame
-  kSplatReach,                   // with UBS_OPACITY_EXTENTS: alpha is below the limit beyond this r; otherwise unset
+  kSplatReach,                   // beyond this r, alpha is below the limit; only set with UBS_OPACITY_EXTENTS
   kSplatStride = 16
 };
 
@@ -85,7 +85,7 @@ enum {
   kGradX, kGradY,                // dL/d mean [1/px]
   kGradW00, kGradW01, kGradW11,  // dL/d ellipse in its own coordinates (EllipseVjp of math/ellipse.h)
   kGradOpacity, kGradBeta, kGradR, kGradG, kGradB,
-  kGradDepth,                    // with UBS_DEPTH_GRAD; otherwise not read
+  kGradDepth,                    // only read with UBS_DEPTH_GRAD
   kGradStride = 16,              // stride of the sums, and of the slots on CPUs, where a slot is one vector
   kCardSlotStride = 12           // stride of the slots on GPUs (kernels/gpu): the three 16-byte words that hold values
 };

@@ -37,16 +37,17 @@
 #endif
 #define UBS_COV_WHITEN 1  // the value 0 is upper
 
-#ifndef UBS_FALLOFF  // the switch `kernel`
+#ifndef UBS_FALLOFF  // the setting `kernel`
 #define UBS_FALLOFF 0
 #endif
 #define UBS_FALLOFF_BETA 0
 #define UBS_FALLOFF_GAUSSIAN 1
-// Expressions of the user, on a model of the kernel beta (OwnFalloff of host/device/stages.hpp)
+// The user has defined the kernel by expressions (OwnFalloff of host/device/stages.hpp). The parameters of the model
+// are those of the kernel beta.
 #define UBS_FALLOFF_OWN 2
 
-// Representation of the colour. 0: rgb; 1 + l: spherical harmonics up to degree l <= 3; 4 + n: n <= 3 spherical Beta
-// lobes.
+// Representation of the colour. 0 is rgb. 1 to 4 are spherical harmonics up to degree 0 to 3. 5 to 7 are one to three
+// spherical Beta lobes.
 #ifndef UBS_COLOUR
 #define UBS_COLOUR 0
 #endif
@@ -55,8 +56,8 @@
 #define UBS_ANTIALIAS 0
 #endif
 
-// The switch `conditioning`. 1: the quantities that rendering needs are parameters themselves, so that no query block
-// is inverted (method.md 9).
+// The setting `conditioning`. If it is 1, the quantities that rendering needs are parameters themselves, so that no
+// matrix is inverted (method.md 9).
 #ifndef UBS_DIRECT
 #define UBS_DIRECT 0
 #endif
@@ -65,20 +66,20 @@
 // Number of lobes, and number of coefficients per colour channel.
 #define UBS_LOBES (UBS_COLOUR > 4 ? UBS_COLOUR - 4 : 0)
 #define UBS_SH_COUNT (UBS_LOBES > 0 ? 1 : UBS_COLOUR * UBS_COLOUR)
-enum {  // which raw betas exist: that of the spatial kernel, those of the query dimensions
+enum {  // 1 if the model has a raw beta for the spatial kernel, and raw betas for the query dimensions
   kHasSpatialBeta = UBS_FALLOFF != UBS_FALLOFF_GAUSSIAN,
   kHasQueryBeta = (UBS_BETA_COND == UBS_BETA_COND_ON) | (UBS_BETA_OPACITY == UBS_BETA_OPACITY_TANH),
 };
 
-// The spatial kernel ends where the squared distance r reaches this value. For the Gaussian it corresponds to 3.33
-// standard deviations. There the alpha of an opaque splat is below 1/255 (2 ln 255 = 11.083), so that the limit of
-// alpha alone decides where a Gaussian ends.
+// The spatial kernel ends where the squared distance r reaches this value. For the Gaussian kernel it corresponds to
+// 3.33 standard deviations. At this distance even the alpha of an opaque splat is below 1/255, because the value is
+// larger than 2 ln 255 = 11.083. So only the limit of alpha determines where a Gaussian ends.
 #if UBS_FALLOFF == UBS_FALLOFF_OWN
 #define UBS_SUPPORT UBS_OWN_SUPPORT
 #else
 #define UBS_SUPPORT (UBS_FALLOFF == UBS_FALLOFF_GAUSSIAN ? R(11.0889) : R(1.0))
-// Expressions of r and beta: log2 of the falloff, and its derivatives with respect to r and beta. These defaults are
-// not used.
+// The expressions of r and beta that the user defines with UBS_FALLOFF_OWN: log2 of the falloff, and its derivatives
+// with respect to r and beta. The definitions here only allow the code to compile; their values are not used.
 #define UBS_OWN_LOG2 (r * beta)
 #define UBS_OWN_R_SLOPE (r * beta)
 #define UBS_OWN_BETA_SLOPE (r * beta)
@@ -88,7 +89,7 @@ enum {  // which raw betas exist: that of the spatial kernel, those of the query
 #endif
 
 // ---- Optional restrictions that save work (docs/variants.md) ----
-#ifndef UBS_ALPHA_MIN  // contributions with alpha <= this value are skipped; 0: all contribute
+#ifndef UBS_ALPHA_MIN  // contributions with alpha <= this value are skipped; with 0, none are skipped
 #define UBS_ALPHA_MIN R(0.0)
 #endif
 // The smallest alpha that contributes, if there is a limit. With a limit, the extent of a splat depends on its opacity.
@@ -96,8 +97,9 @@ enum {  // which raw betas exist: that of the spatial kernel, those of the query
   (kHasSpatialBeta || UBS_ALPHA_MIN > UBS_ALPHA_MIN_GAUSSIAN ? UBS_ALPHA_MIN : UBS_ALPHA_MIN_GAUSSIAN)
 #define UBS_OPACITY_EXTENTS (UBS_LEAST_ALPHA > R(0.0))
 
-// 1: instead of the gradient of a splat's position in the image, compute the sum over the pixels of the absolute values
-// of their contributions to it, for x and y separately. It is a criterion for densification (AbsGS, Ye et al. 2024).
+// If UBS_ABSGRAD is 1, the gradient of a splat's position in the image is replaced by a sum of absolute values. The sum
+// is that of the absolute contributions of all pixels to the gradient, for x and y separately. It is used as a
+// criterion for densification (AbsGS, Ye et al. 2024).
 #ifndef UBS_ABSGRAD
 #define UBS_ABSGRAD 0
 #endif

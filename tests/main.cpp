@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Test runner: Catch2 with three additional options. --device tests one device instead of all. With
-// --optional, the tests are skipped visibly (exit code 77) instead of failing if the device does not exist.
-// --cuda-on-host tests the CUDA back end on the host (tests/cuda).
+// --optional, a missing device does not make the program fail: it exits with 77, which CTest shows as
+// skipped. --cuda-on-host tests the CUDA back end on the host (tests/cuda).
 #define CATCH_CONFIG_RUNNER
 #include <catch2/catch.hpp>
 #include <cstdlib>

@@ -6,7 +6,7 @@ authors' CUDA kernels: condition() computes the splats for a query, and rasteriz
     tools/authors_training.py CHECKOUT --source_path DATA --model_path OUT --iterations 1000 --input_dim 6 --eval
     ubs eval OUT/point_cloud/iteration_1000/point_cloud.ply DATA
 
-CHECKOUT is a folder with github.com/RongLiu-Leo/universal-beta-splatting; this project contains no part of it. The
+CHECKOUT is a clone of github.com/RongLiu-Leo/universal-beta-splatting; this project contains no part of it. The
 other arguments are those of train.py. The final evaluation of train.py is not run; use `ubs eval` instead. This
 program needs scikit-learn, plyfile, imagesize, scipy and tqdm, but not fused_ssim, viser, nerfview, lpips, torchvision
 and CUDA. UBS_DEVICE selects the device that renders."""
@@ -94,7 +94,7 @@ def main() -> None:
         shutil.copytree(sys.argv[1], place, ignore=shutil.ignore_patterns("submodules", ".git"))
         for file in place.rglob("*.py"):
             text = file.read_text()
-            # int32: indices of tensors are int64 in older versions of PyTorch
+            # int32 is replaced too, because older versions of PyTorch only accept int64 as indices.
             for old, new in ((".cuda()", ""), ('"cuda:0"', '"cpu"'), ('"cuda"', '"cpu"'), ("torch.int32", "torch.int64")):
                 text = text.replace(old, new)
             if file.name == "train.py":

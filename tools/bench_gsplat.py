@@ -1,15 +1,17 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""Measures the speed of gsplat (PyPI, CUDA), or of ubs.gsplat on any device, on a 3DGS file and the training cameras of
-a NeRF Synthetic folder, to compare it with `ubs-lab bench --model` for the same model and data on the same device.
+"""Measures how fast gsplat (from PyPI, with CUDA) or ubs.gsplat (on any device) renders a 3DGS file from the training
+cameras of a NeRF Synthetic folder. Compare the results with those of `ubs-lab bench --model` for the same model, data
+and device.
 
   ubs convert RUN model.ply --to 3dgs
   bench_gsplat.py model.ply LEGO --size 400
   bench_gsplat.py model.ply LEGO --size 400 --package ubs.gsplat --tensors cpu
 
-Prints milliseconds per view, for forward alone and for forward with backward: the median of single views and, for
-tensors on a card, the mean of many views without waiting between them. Needs the Python packages torch and numpy, and
-the package that is measured.
+Prints milliseconds per view, for the forward pass alone and for both passes. With tensors on the CPU, this is the
+median of single views. With tensors on a card, it is the mean of many views without waiting between them, followed by
+the median of single views, which is measured with CUDA events. Needs the Python packages torch and numpy, and the
+package that is measured.
 """
 import argparse
 import importlib
@@ -68,7 +70,7 @@ def card_ms(draw):
         end.record()
         end.synchronize()
         times.append(begin.elapsed_time(end))
-    return f"{mean:.3f} ms (events {np.median(times):.3f})"
+    return f"{mean:.3f} ms (single views {np.median(times):.3f})"
 
 
 def host_ms(draw):

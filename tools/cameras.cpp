@@ -33,8 +33,8 @@ struct CamerasOptions {
   bool dry_run = false, quiet = false;
 };
 
-constexpr std::size_t kAllPairs = 150;  // photographs; with more, matching all pairs takes hours
-constexpr std::size_t kFewest = 3;
+constexpr std::size_t kAllPairs = 150;  // maximum number of images of which all pairs are matched by default
+constexpr std::size_t kFewest = 3;      // minimum number of images
 
 // The paths that this command uses. The images are in the given folder or in its subfolder `images`; ubs
 // writes to the subfolder `colmap`.
@@ -93,7 +93,8 @@ bool one_size(const Places& places) {
   });
 }
 
-// Other names that some versions of COLMAP have for options. Version 3.13 renamed the GPU options.
+// ColmapNames contains the names of those options of COLMAP that differ between its versions. The defaults
+// are the names before version 3.13, which renamed the GPU options.
 struct ColmapNames {
   std::string gpu_of_features = "--SiftExtraction.use_gpu", gpu_of_matches = "--SiftMatching.use_gpu",
               image_size = "--SiftExtraction.max_image_size";
@@ -122,13 +123,13 @@ std::vector<Step> steps_of(const CamerasOptions& options, const Places& places, 
        // features; all had a camera and training was no worse (31.8 and 31.6 dB). COLMAP's defaults
        // are 8192 features and 3200 pixels.
        "--SiftExtraction.max_num_features", "2048", names.image_size, "1600"}};
-  if (one_size(places))  // most likely from one camera, and one shared lens is estimated better
+  if (one_size(places))  // then one camera took the images most likely; a shared lens is estimated better
     features.arguments.insert(features.arguments.end(), {"--ImageReader.single_camera", "1"});
   Step matches{"matches",
                R"(\[(\d+)/(\d+)(?:, (\d+)/\d+)?\] in)",  // printed when a block of pairs is done
                {sequence ? "sequential_matcher" : "exhaustive_matcher", "--database_path", database,
                 names.gpu_of_matches, "0"}};
-  if (!sequence)  // a block of COLMAP's default, 50 images, takes minutes without a line of progress
+  if (!sequence)  // COLMAP prints progress per block, and a block of 50 images, its default, takes minutes
     matches.arguments.insert(matches.arguments.end(), {"--ExhaustiveMatching.block_size", "10"});
   const Step mapper{"cameras",
                     "",
@@ -200,8 +201,8 @@ std::string pictures_text(const CamerasOptions& options, const Places& places) {
   return text;
 }
 
-// Returns the files to delete because they were made from other images. COLMAP would add the images of an old
-// database again.
+// Returns the files to delete because they were made from other images. COLMAP would also use the images that
+// an old database contains.
 std::vector<fs::path> stale_files(const CamerasOptions& options, const Places& places) {
   const fs::path print = places.work / "pictures.txt";
   if (!path_exists(print) || read_text_file(print) == pictures_text(options, places)) return {};
@@ -264,7 +265,7 @@ int run(const CamerasOptions& options) {
          "COLMAP is not installed{}: install it (Debian, Ubuntu: sudo apt-get install colmap; conda: conda "
          "install -c conda-forge colmap), then run 'ubs cameras {}' again",
          options.colmap.empty() ? "" : " at " + options.colmap, shell_word(options.photos));
-  // Without a display, COLMAP's libraries would not start.
+  // Without this variable, COLMAP does not start on a machine without a display.
   setenv("QT_QPA_PLATFORM", "offscreen", 0);
   ColmapNames names;
   std::optional<FolderLock> lock;  // a dry run writes nothing to the photographs' folder

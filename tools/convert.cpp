@@ -41,8 +41,8 @@ namespace fs = std::filesystem;
 constexpr std::size_t kMaxViewpoints = 64;
 constexpr int kMaxSeries = 1000;    // maximum number of time samples
 constexpr double kFitSeconds = 30;  // default of --distill
-constexpr int kPathCameras = 48;    // for fitting without data
-// A fit that nobody asked for is skipped if its minimum number of iterations takes longer than this.
+constexpr int kPathCameras = 48;    // number of cameras on a path, used for fitting without data
+// If --distill is not given, the fit is skipped if its minimum number of iterations takes longer than this.
 constexpr double kMaxFitSeconds = 3 * kFitSeconds;
 constexpr double kGoodExport = 40;  // PSNR below which advice is given [dB]
 
@@ -145,7 +145,8 @@ void if_possible(const char* what, std::vector<std::string>& remarks, const Work
   }
 }
 
-// Adds the loss of an export that is not exact. `closed_form` are the splats before they were fitted.
+// Measures the loss of quality of an export that is not exact, and adds it to `json`. `closed_form` are the
+// splats before they were fitted.
 void add_loss(const ConvertOptions& options, const SplatFormat& format, const LoadedModel& loaded,
               const std::optional<ImportedSplats>& closed_form, const TrainSettings& settings, Json& json) {
   if (options.no_measure || options.series > 0 || exports_exactly(format, loaded.model)) return;
@@ -223,12 +224,12 @@ void write_moments(const ConvertOptions& options, const SplatFormat& format, Spl
 
 // Returns whether the export is fitted to renders of the model.
 bool fits(const ConvertOptions& options, const MixedModel& model) {
-  if (options.distill == "auto" && options.series > 0) return false;  // a fit takes its time for each sample
+  if (options.distill == "auto" && options.series > 0) return false;  // each sample would need its own fit
   return options.fit_requested() || (options.fit_seconds() > 0 && loses_in_closed_form(model));
 }
 
-// Finds the training cameras of the run, unless --data names others. Data that are not found are no error,
-// because the model lists a few of the cameras.
+// Finds the training cameras of the run, unless --data names others. Missing data are only an error if
+// --distill was given and the model lists no cameras.
 void find_cameras(ConvertOptions& options, const LoadedModel& loaded) {
   if (!options.data.empty() || !loses_in_closed_form(loaded.model)) return;
   try {
@@ -302,7 +303,7 @@ ImportedSplats fitted(const ConvertOptions& options, Distiller& distiller, doubl
   const bool better = distilled.after > distilled.before;
   said.push_back(fmt::format(
       "fitted to renders of the model in {:.1f} s, {} iterations{}", distilled.seconds, distilled.iterations,
-      better ? "" : ", which did not improve the Gaussians, so they were left as they were"));
+      better ? "" : ", which did not improve the Gaussians, so they were not changed"));
   if (options.series > 0 || options.no_measure)
     said.back() += fmt::format(": PSNR {:.2f} -> {:.2f} dB", distilled.before, distilled.after);
   json["distilled"].push_back({{"time", time},
@@ -420,9 +421,9 @@ Json export_model(ConvertOptions& options, const SplatFormat& format) {
   const Background& behind = settings.background;
   if (behind != Background{})
     json["remarks"].push_back(fmt::format(
-        "the model was trained on {} {}, which this format does not store: other programs use black or their "
-        "own background",
-        behind.harmonics.empty() ? "background" : "a sky of mean colour", fmt::join(behind.colour, ",")));
+        "the model was trained with {} {}, which this format does not store: other programs use black or "
+        "their own background",
+        behind.harmonics.empty() ? "the background" : "a sky of mean colour", fmt::join(behind.colour, ",")));
   add_loss(options, format, loaded, closed_form, settings, json);
   if (options.data.empty() || options.series > 0) return json;
   // Compare with the written file, including its quantisation, rendered as other tools render it.
@@ -526,7 +527,7 @@ Command add_convert(CLI::App& root) {
   const std::string names = fmt::format("{}", fmt::join(formats, ", "));
   formats.emplace_back("auto");
   app->add_option("--to", options->format,
-                  names + " [by extension; .ply: 3dgs, but ubs for a file that is 3DGS or DBS already]")
+                  names + " [chosen by the extension; .ply: ubs if FROM is a 3DGS or DBS file, else 3dgs]")
       ->check(CLI::IsMember(formats))
       ->type_name("FORMAT");
   options->time_option =
@@ -554,7 +555,7 @@ Command add_convert(CLI::App& root) {
          "--distill", options->distill,
          fmt::format("time for fitting the exported Gaussians to renders of the model from the training "
                      "cameras (of --data, otherwise of the run or the model), such as 60s or 5m; 0: no "
-                     "fit [{:.0f}s if the export changes the model; with --series 0]",
+                     "fit [{:.0f}s if the export changes the model, but no fit with --series]",
                      kFitSeconds))
       ->type_name("TIME");
   options->degree_option = app->add_option("--degree", options->degree,
@@ -563,12 +564,12 @@ Command add_convert(CLI::App& root) {
                                ->type_name("K");
   app->add_option("--series", options->series,
                   "number of time samples from time 0 to 1, written as files TO-000, TO-001, ..., or into "
-                  "one USD file; they share the time of --distill")
+                  "one USD file; the time of --distill is divided among them")
       ->check(from_to(2, kMaxSeries))
       ->excludes("--time")
       ->type_name("K");
   app->add_flag("--no-measure", options->no_measure,
-                "do not measure what an export loses against the model, on cameras that the model lists");
+                "do not measure the loss of quality of an export (on cameras that the model lists)");
   add_device_option(*app, options->device);
   add_overwrite_option(*app, options->overwrite);
   app->add_flag("--json", options->json, "machine-readable output");

@@ -26,7 +26,7 @@ void reduce_to(Camera& camera, int longest) {
   camera.fx *= x, camera.cx *= x, camera.fy *= y, camera.cy *= y;
 }
 
-// Renders all cameras in front of the background of the settings, or in front of black.
+// Renders the model from all cameras, in front of the background of the settings, or in front of black.
 std::vector<std::vector<float>> images_of(ModelSession& session, std::size_t cameras, bool black) {
   RenderSettings settings = session.settings();
   if (black) {

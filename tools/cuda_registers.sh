@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 # Writes a table (CSV) with registers, spills, shared memory and occupancy of every CUDA kernel that is
 # compiled ahead of time, for one architecture. Occupancy is the number of threads per multiprocessor that
-# registers and shared memory allow; it is given for sm_80, 90 and 100. For kernels that are compiled at run
-# time, test_cuda_programs writes such a table. Needs nvcc, but no GPU. Fails if a kernel does not compile
-# without warnings, or if a rasteriser spills.
+# registers and shared memory allow, in percent of the maximum; it is computed for sm_80, sm_90 and sm_100.
+# For kernels that are compiled at run time, test_cuda_programs writes such a table. Needs nvcc, but no GPU.
+# Fails if a kernel does not compile without warnings, or if a rasteriser spills.
 #   tools/cuda_registers.sh OUT.csv [ARCHITECTURE, e.g. 90] [N ...]
 set -eu
 root=$(cd "$(dirname "$0")/.." && pwd)
@@ -17,7 +17,7 @@ dims=${*:-3 4 6 7}
 log=$(mktemp)
 trap 'rm -f "$log" "$log.cubin"' EXIT
 
-compile() { # source, name of the variant, further options
+compile() { # compile SOURCE VARIANT_NAME [NVCC_OPTION ...]
   source=$1 variant=$2
   shift 2
   echo "variant $variant" >>"$log"
@@ -60,5 +60,5 @@ awk '
     { gsub(/, */, ";", $1)
       printf "%s,%s,%s,%s,%s,%s,%s,%s,%s\n", $1, $2, arch, $3, $4, $5, $6, $7, occupancy($1, $2, $3, $7)
       if ($1 ~ /^raster_/ && $4 + $5 > 0) bad = bad " " $1 }
-    END { if (bad != "") { print "spills in" bad > "/dev/stderr"; exit 1 } }' >"$out"
+    END { if (bad != "") { print "these rasterisers spill registers:" bad > "/dev/stderr"; exit 1 } }' >"$out"
 column -s, -t "$out" 2>/dev/null || cat "$out"

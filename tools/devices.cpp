@@ -98,7 +98,8 @@ Command add_devices(CLI::App& root) {
       root.add_subcommand("devices", "List the compute devices, check their results, and look for problems");
   const auto options = std::make_shared<DevicesOptions>(*app);
   app->add_option("--device", options->devices,
-                  "device to list; several are allowed with --check and --doctor [UBS_DEVICE, otherwise all]")
+                  "device to mark in the list, or devices to examine with --check and --doctor "
+                  "[UBS_DEVICE, otherwise the default device, or all devices]")
       ->delimiter(',')
       ->type_name("A,B");
   CLI::Option* check =

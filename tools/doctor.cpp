@@ -118,7 +118,7 @@ class Doctor {
   }
 
   void folder(const char* what, const fs::path& path, const char* advice) {
-    const std::string defect = path.empty() ? "nowhere" : cache_defect(path);
+    const std::string defect = path.empty() ? "there is no folder for them" : cache_defect(path);
     json_["folders"].push_back({{"for", what}, {"path", path.string()}, {"defect", defect}});
     line("folder     {:<22} {}: {}", what, path.empty() ? "none" : path.string(),
          defect.empty() ? "can be written" : defect);
@@ -173,8 +173,8 @@ class Doctor {
   void verdict() {
     if (working_ == 0 && code_ == 0) code_ = first_failure_ ? first_failure_ : exit_code(ErrorKind::device);
     const std::string text = code_ != 0 ? "fix the problems above before you trust results of this machine"
-                             : problems_.empty() ? "all is well"
-                                                 : "it works, with remarks";
+                             : problems_.empty() ? "no problems were found"
+                                                 : "ubs works, but see the remarks";
     json_["problems"] = problems_;
     json_["verdict"] = text;
     json_["well"] = code_ == 0;

@@ -16,8 +16,8 @@
 # there. Otherwise it builds the project that it belongs to (needs nvcc and what tools/setup.sh installs).
 # GPU_CHECK_SECONDS limits the total time (530 s). Each step has its own limit, which is longer if the total is
 # more than 530 s, and the first steps leave time for the long training and the steps after it.
-# Rehearsal of the first phase without a card: GPU_CHECK_PHASE=right GPU_CHECK_SECONDS=5300 gpu_check.sh OUT
-# DATA.ubsd opencl:cpu
+# To try the first phase without a card:
+#   GPU_CHECK_PHASE=right GPU_CHECK_SECONDS=5300 gpu_check.sh OUT DATA.ubsd opencl:cpu
 # OUT/summary.txt reports every step and ends with the measured goals (docs/cuda.md). The exit code is the
 # number of failed steps.
 set -u
@@ -36,7 +36,7 @@ mkdir -p "$out" && out=$(cd "$out" && pwd)
 work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
 export UBS_KERNEL_CACHE=$work/kernels  # so that this run compiles all kernels itself
-export UBS_TUNING_DIR=$work/tuning UBS_TUNING=on  # and tunes for them
+export UBS_TUNING_DIR=$work/tuning UBS_TUNING=on  # so that earlier tuning has no effect on this run
 summary=$out/summary.txt logs=$out/logs.txt
 : >"$summary" && : >"$logs"
 reserve=$((limit * 55 / 100))  # seconds reserved for later steps
@@ -117,8 +117,9 @@ step devices 20 "$ubs" devices
 "$ubs" devices --json >"$out/devices.json" 2>/dev/null
 has_opencl=$("$ubs" devices --device opencl:gpu >/dev/null 2>&1 && echo yes || echo no)
 
-# Correctness is checked first. As many steps as there are processors run in parallel, because most of the time is spent
-# on compiling. Tests with the tag [opencv] need a build with OpenCV; a kit has none.
+# Correctness is checked first. As many steps as there are processors run in parallel, because most of the
+# time is spent on compiling. Tests with the tag [opencv] are excluded, because they need a build with OpenCV,
+# and the build of tools/make_kit.sh has none.
 # begin NAME MOST_SECONDS COMMAND...: starts a step in parallel to others; its log goes to the folder `right`.
 begin() {
   while [ "$(jobs -rp | wc -l)" -ge "$(nproc)" ]; do wait -n; done
@@ -211,7 +212,7 @@ cp "$work/long/log.csv" "$out/train_long_log.csv" 2>/dev/null
 model=$work/long/model.ply
 [ -e "$model" ] || model=$work/first/model.ply
 reserve=$((limit * 15 / 100))
-step "quality, frames a second" 30 "$ubs" eval --model "$model" --data "$data" --device "$device" --fps-views 100 \
+step "quality, frames per second" 30 "$ubs" eval --model "$model" --data "$data" --device "$device" --fps-views 100 \
   --out "$out/eval_long.json" --overwrite
 
 # Times by stage, with both back ends on the card: first for scenes of a fixed size, then for the model.
@@ -261,14 +262,14 @@ peak() { number train_long.json peak_device_bytes | awk '{ printf "%.0f", $1 / 1
 goal() { printf '  %-58s %s\n' "$1" "${2:-not measured}"; }
 {
   echo "goals, on the device '$device':"
-  [ -e "$out/tune.json" ] && goal "structures that tune chose" "$(chosen | sed 's/^$/those by default/')"
+  [ -e "$out/tune.json" ] && goal "constants that tune chose" "$(chosen | sed 's/^$/the defaults/')"
   goal "training, iterations ($iterations wanted)" "$(number train_long.json iterations)"
   goal "  seconds (goal for 30000: 100)" "$(number train_long.json seconds)"
   goal "  splats (goal: 300000)" "$(number train_long.json splats)"
   goal "  PSNR [dB] (goal at 800x800: 36.9)" "$(number eval_long.json psnr)"
   goal "  SSIM" "$(number eval_long.json ssim)"
   goal "  peak device memory [MiB]" "$(peak)"
-  goal "drawing the trained model [frames/s] (goal at 800x800: 1500)" "$(number eval_long.json fps_wall)"
+  goal "rendering the trained model [frames/s] (goal at 800x800: 1500)" "$(number eval_long.json fps_wall)"
   goal "garden, forward and backward [ms] (goal: 1)" "$(bench_ms bench.json forward_backward.garden)"
   goal "iteration of a synthetic scene (800x800) [ms]" "$(bench_ms bench.json iteration.synthetic)"
   goal "  untuned" "$(bench_ms bench_untuned.json iteration.synthetic)"

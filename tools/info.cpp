@@ -94,8 +94,9 @@ bool flat(const SplatModel& model, std::size_t splat) {
   return least < part * most;
 }
 
-// Counts splats whose parameters are beyond a limit of the formulas (kernels/limits.h), and splats whose
-// conditional covariance is computed from its factor. For skew_nd, only betas and spatial scales are counted.
+// Counts splats whose parameters are beyond a limit of the formulas (kernels/limits.h), and strongly coupled
+// splats, for which the kernels use the second method of docs/method.md 2.3. For skew_nd and direct
+// conditioning, only betas and spatial scales are counted.
 Json describe_clamps(const MixedModel& model) {
   std::size_t beta = 0, spatial_scale = 0, query_scale = 0, coupled = 0;
   for (const SplatModel& group : model.groups) {

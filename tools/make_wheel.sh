@@ -37,7 +37,7 @@ assert ours and all("/empty/" in path for path in ours), ours
 foreign = [path for path in loaded if any(name in path for name in ("opencv", "clblast", "yaml", "libfmt"))]
 assert all("/empty/" in path for path in foreign), foreign
 if not ubs.devices():
-    print("SKIPPED: drawing, there is no OpenCL driver here")
+    print("SKIPPED: rendering, because there is no OpenCL driver")
 else:
     model = ubs.Model.empty(3, 4)
     p = model.parameters
@@ -46,5 +46,5 @@ else:
     image = model.render(camera)
     gradient = ubs.vjp(model, camera, np.ones_like(image))
     assert image.max() > 0.1 and np.abs(gradient["xyz"]).max() > 0
-    print("drawn on", ubs.devices()[0].name)
+    print("rendered on", ubs.devices()[0].name)
 PYTHON

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""Makes copies of data with other cameras: with wrong poses, to measure how well training recovers them
-(docs/results/2026-11-22-cameras.md), or in another unit of length (docs/results/2026-11-28-unit.md).
+"""Makes copies of a data set whose camera poses are wrong, to measure how well training corrects them
+(docs/results/2026-11-22-cameras.md), or which are in another unit of length (docs/results/2026-11-28-unit.md).
 
   perturb_cameras.py perturb DATA OUT [DEGREES SHARE]   write a copy of a Blender or COLMAP folder whose cameras are
                                                         rotated and shifted (by SHARE of the scene's extent)
@@ -159,7 +159,8 @@ def scale(data, out, factor):
 
 
 def error(poses, truth):
-    """Returns root mean squares of rotations [degrees] and centres after the best similarity transform."""
+    """Returns the number of common views, and the root mean square errors of rotations [degrees] and of centres, after
+    the best similarity transform."""
     names = sorted(set(poses) & set(truth))
     r, c = (np.array([poses[n][k] for n in names]) for k in (0, 1))
     rt, ct = (np.array([truth[n][k] for n in names]) for k in (0, 1))

@@ -168,7 +168,7 @@ int plan_ranks(const PlanOptions& options) {
   if (splats.empty()) splats.push_back(settings.cap_max);
   Json rows = Json::array();
   std::string text =
-      fmt::format("{:>12} {:>6} {:>12} {:>11} {:>11} {:>10} {:>12} {:>13}\n", "splats", "ranks", "a rank",
+      fmt::format("{:>12} {:>6} {:>12} {:>11} {:>11} {:>10} {:>12} {:>13}\n", "splats", "ranks", "per rank",
                   "step [ms]", "network", "speed-up", "sent [MB]", "memory [MiB]");
   for (const double count : splats) {
     const double alone = predict_ranks(costs, count, settings.batch, 1, options.network, memory).step_ms();
@@ -217,7 +217,7 @@ Command add_plan(CLI::App& root) {
                                       "Predict what training on a data set, or rendering a model, needs: "
                                       "kernels, memory, intersections, time");
   const auto options = std::make_shared<PlanOptions>(*app);
-  app->add_option("data,--data", options->data, "data folder, or packed file [with --model: that of its run]")
+  app->add_option("data,--data", options->data, "data folder, or packed file [with --model: data of its run]")
       ->type_name("DIR|FILE");
   app->get_option("--dim")->description(kAutoDimHelp);
   CLI::Option* model = add_model_option(*app, "--model", options->model,

@@ -5,8 +5,9 @@
   ubs-lab accuracy --out accuracy
   tools/plot_accuracy.py accuracy/accuracy.csv accuracy.png
 
-Left: error of the image against time of the forward pass. Right: error of the gradient (that of the parameter group
-with the largest error) against time of an iteration. Each variant has a colour, each scene and device a marker.
+The left plot shows the error of the image against the time of the forward pass. The right plot shows the error of the
+gradient (of the parameter group with the largest error) against the time of an iteration. Each configuration has its
+own colour, and each pair of scene and device its own marker.
 """
 import csv
 import sys

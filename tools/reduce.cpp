@@ -35,7 +35,7 @@ namespace {
 namespace fs = std::filesystem;
 using namespace ubs::reduce;
 
-constexpr double kMinBound = 1e-4, kMaxBound = 0.5;  // of the search
+constexpr double kMinBound = 1e-4, kMaxBound = 0.5;  // range in which the bound is searched for
 constexpr int kSearchSteps = 9;                      // determines the bound to 2 %
 constexpr int kSizeSteps = 30;                       // determines the bound for --size to 2e-6 %
 constexpr double kMegabyte = 1e6;
@@ -293,7 +293,7 @@ Command add_reduce(CLI::App& root) {
   add_model_option(*app, "model,--model", options->model)->required();
   app->add_option("data,--data", options->data, kRunDataHelp)->type_name("DIR|FILE");
   app->add_option("--out", options->out,
-                  "file for the reduced model; splats of different dimensions become groups")
+                  "file for the reduced model, with a group for each number of dimensions of splats")
       ->required()
       ->type_name("FILE");
   CLI::Option* loss = app->add_option("--max-loss-db", options->max_loss_db,
@@ -304,7 +304,7 @@ Command add_reduce(CLI::App& root) {
   app->add_option("--splats", options->splats, "keep at most this many splats, such as 20000 or 20k")
       ->type_name("N")
       ->excludes(loss);
-  app->add_option("--size", options->megabytes, "largest file, in MB (10^6 bytes)")
+  app->add_option("--size", options->megabytes, "maximum size of the file, in MB (10^6 bytes)")
       ->check(positive())
       ->type_name("MB")
       ->excludes(loss);
@@ -323,7 +323,7 @@ Command add_reduce(CLI::App& root) {
   app->add_option("--effects", options->effects,
                   "CSV file with the contribution of each splat and its dimensions")
       ->type_name("FILE");
-  app->add_flag("--details", options->details, "measure training views and times too, and print a table");
+  app->add_flag("--details", options->details, "also measure training views and times, and print a table");
   add_device_option(*app, options->device);
   app->add_flag("--quiet", options->quiet, "do not print progress");
   add_overwrite_option(*app, options->overwrite);

@@ -1,5 +1,4 @@
 // SPDX-License-Identifier: Apache-2.0
-// See reduce_report.hpp.
 #include "tools/reduce_report.hpp"
 
 #include <algorithm>

@@ -12,7 +12,7 @@
 
 namespace ubs::tools {
 
-// Image quality on a split before and after.
+// SplitChange is the image quality on a split before and after the reduction.
 struct SplitChange {
   std::string name;
   std::size_t views = 0;
@@ -40,8 +40,9 @@ void print_table(const ReductionReport& report);
 // Prints one line: the file, numbers of splats, sizes, and PSNR.
 void print_summary(const ReductionReport& report, const std::string& file);
 
-// Returns one row per splat: dimensions, number of views that see it, maximum weight, and for each smaller N
-// the ranges of opacity and mean, and the change of a weight.
+// Returns a CSV table with one row per splat: its number of dimensions, the number of views in which it is
+// visible, its maximum weight, and for each smaller number of dimensions the members of DimensionEffect
+// (host/api/replacement.hpp).
 std::string effects_csv(const ReductionReport& report);
 
 }  // namespace ubs::tools

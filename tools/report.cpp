@@ -39,14 +39,15 @@ struct ReportOptions {
   bool json = false, no_viewer = false, overwrite = false;
 };
 
-// The model of a run. A model file states the offset of its coordinates. For a model from a checkpoint,
-// `offset` is empty, and its coordinates are relative to the offset that the loader of the data chooses.
+// RunModel is the model of a run. A model file states the offset of its coordinates. For a model from a
+// checkpoint, `offset` is empty, and its coordinates are relative to the offset that the loader of the data
+// chooses.
 struct RunModel {
   std::optional<MixedModel> model;
   std::optional<std::array<double, 3>> offset;
   std::string data;                         // data that the run was trained on, if known
   std::optional<std::uint32_t> data_print;  // fingerprint() of these data
-  LoadedModel loaded;                       // a model file, without the model itself
+  LoadedModel loaded;                       // content of the model file, except for the model itself
 };
 
 // Returns the checkpoint of a run that has no model, or that was resumed after writing its model and then
@@ -184,7 +185,7 @@ std::vector<View> chosen_views(const Split& split, const std::vector<std::string
 void remark_on_splats(RunRecord& run, const MixedModel& model) {
   constexpr double kFar = 10;  // multiples of the extent
   const std::optional<double> extent = run.number({"extent"});
-  // In a run with a time budget, the maximum is what the time was enough for.
+  // In a run with a time budget, ubs chooses the maximum, so it is normal that the model reaches it.
   if (model.count() >= static_cast<std::size_t>(run.settings.cap_max) && !run.number({"budget_seconds"}))
     run.remarks.push_back(
         fmt::format("the model has reached the maximum number of splats, --cap-max ({})", model.count()));
@@ -297,7 +298,7 @@ ReportViewer viewer_if_packed(ReportRun& run, const LoadedModel& loaded,
 std::vector<ReportRun> open_runs(ReportOptions& options, ReportViewer& viewer) {
   std::vector<ReportRun> runs;
   std::shared_ptr<Device> device;
-  std::vector<std::string> names;  // views of the first run that has any
+  std::vector<std::string> names;  // names of the shown views, which the first run with views determines
   for (const std::string& folder : options.runs) {
     ReportRun run;
     run.record = read_run(folder);
@@ -335,7 +336,7 @@ int run(ReportOptions& options) {
   const std::string out =
       options.out.empty() ? (fs::path(options.runs[0]) / "report.html").string() : options.out;
   if (is_folder(out)) fail(ErrorKind::usage, "--out {}: this is a folder: pass the name of a file", out);
-  // If the folder of the run does not exist, open_runs() says so.
+  // If the folder of the run does not exist, open_runs() reports this.
   if (!options.out.empty() || is_folder(options.runs[0]))
     check_output_files({out}, {options.data}, options.overwrite);
   ReportViewer viewer;

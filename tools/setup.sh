@@ -57,7 +57,7 @@ installed() { [ "$(dpkg-query -W -f='${db:Status-Status}' "$1" 2>/dev/null)" = i
 # install_packages PACKAGE...: installs the packages that are missing.
 install_packages() {
   if ! command -v dpkg-query >/dev/null; then
-    echo "Not a Debian system: the libraries must be there already (tools/setup.sh lists the packages)."
+    echo "Not a Debian system: the libraries must be installed already (tools/setup.sh lists the packages)."
     return
   fi
   local missing=() root=() package
@@ -101,8 +101,8 @@ demo() {
 
 model         $out/run/model.ply
 metrics       $out/run/metrics.json
-page          $out/report.html (with the model, live)
-dynamic one   $out/moving.html (press Play)
+page          $out/report.html (with an interactive model)
+dynamic scene $out/moving.html (press Play)
 side by side  $out/run/renders/*.png (ground truth | render)
 TEXT
 }
@@ -165,7 +165,7 @@ run_tests() {
     echo "No OpenCL test is registered."
     exit 1
   fi
-  # One more job than processors, because some tests wait (for browsers, time-outs, a throttle).
+  # One more job than processors, because some tests wait (for browsers, time-outs or rate limits).
   ctest --test-dir "$build" -j "$(($(nproc) + 1))" --no-tests=error --output-on-failure
 }
 

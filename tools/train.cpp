@@ -85,7 +85,9 @@ Outcome train(Trainer& trainer, RunFolder& folder, Progress& progress, const Int
     }
     if (report.test) outcome.evaluation = {report.iteration, report.seconds, *report.test};
     const bool last = report.iteration == report.iterations;
-    const bool asked = guard.interrupted();  // before must_end(): a request to end is not one to complete
+    // interrupted() is called first. Otherwise, a signal between the two calls that requests the end would
+    // only complete the run.
+    const bool asked = guard.interrupted();
     outcome.interrupted = guard.must_end() && !last;
     if (live) live->step(report, !outcome.interrupted && !last);
     if (asked && !outcome.interrupted && !last && !completes) {
@@ -100,8 +102,8 @@ Outcome train(Trainer& trainer, RunFolder& folder, Progress& progress, const Int
 }
 
 // Calls train(). If the run is interrupted, or if an exception is thrown that leaves the state of the
-// training consistent (an image that cannot be read, out of memory), saves the state, unless the run was
-// being completed early: then the state before this remains, from which it can go on.
+// training consistent (an image that cannot be read, out of memory), saves the state. If the run was being
+// completed early, it keeps the state from before the cool-down instead, from which it can be continued.
 Outcome train_and_keep(Trainer& trainer, RunFolder& folder, RunKeeper& keeper, Progress& progress,
                        const InterruptGuard& guard, TrainSettings& settings, serve::LiveTraining* live) {
   const RunInterval interval = checkpoint_interval(settings);
@@ -242,8 +244,8 @@ check::Use use_of(const TrainSettings& settings, const TrainOptions& options) {
 // Does the work from the last iteration to the end of the run; `write` writes all results. This work may fail
 // because the disk is full, or the process may be killed. As long as there is a checkpoint, `ubs train
 // --resume` writes the results again, so the checkpoint is removed last. A run with a time budget keeps it
-// under another name, to go on from there. If such a run has been completed early, it keeps the state before
-// this.
+// under another name, so that the run can be continued. If such a run was completed early, it keeps the state
+// from before the cool-down.
 void finish(RunFolder& folder, RunKeeper& keeper, const Trainer& trainer, const TrainSettings& settings,
             bool has_budget, const std::function<void()>& write) {
   const auto& early = trainer.completed_from();
@@ -370,7 +372,8 @@ int run(const TrainOptions& options) {
     build_seconds += seconds_of(
         [&] { build_kernels_of_rank(*device, with, train_split, test_split, initial, networks.get()); });
   };
-  // The results of the proof and of compilation are kept, so they take time only once.
+  // The time of checking the device and of compiling kernels does not count, because the results are stored
+  // for later runs.
   const auto spent = [&] { return since_start.seconds() - proof_seconds - build_seconds; };
   run.budget = start.checkpoint ? start.checkpoint->budget
                : start.fast     ? choose_settings(options, start, *device, data, train_split, warm_up, spent)
@@ -499,7 +502,7 @@ Command add_train(CLI::App& root) {
          fmt::format(
              "train for this time, such as 90s, 10m or 1h; ubs chooses iterations, splats and growth to fit "
              "(docs/budget.md) [without --iterations: {} iterations or 15m, whichever ends first]; with "
-             "--resume, +TIME lets the run train for this time",
+             "--resume, +TIME is the time for the rest of the run",
              kDefaultIterations))
       ->type_name("TIME");
   app->add_option("--resume", options->start.resume,

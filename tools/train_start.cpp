@@ -20,7 +20,7 @@ namespace ubs::tools {
 
 constexpr double kLeastBudget = 0.5;  // [s]; measuring steps and kMinIterations take longer on every device
 
-// Initial points that are looked for per second of the budget
+// Number of initial points that are searched for per second of the budget
 // (docs/results/2026-11-29-time-before-training.md).
 constexpr double kFoundPerSecond = 1000;
 
@@ -94,7 +94,7 @@ void check_kind(const std::filesystem::path& data) {
     return std::ranges::find(names, extension) != names.end();
   };
   const std::string name = shell_word(data.string());
-  // Files of ubs web and of GaussianSplats3D are models too, but no format of the table has their extension.
+  // Files of ubs web and of GaussianSplats3D are models too, but has_splat_extension() does not include them.
   if (has_splat_extension(data) || is({".ubsz", ".ksplat"}))
     fail(ErrorKind::data,
          "{}: this is a model, not a data set: show it with 'ubs view {}', or pass the folder of "
@@ -145,7 +145,7 @@ Start start_of(const StartOptions& options, const SettingsOptions& given, bool h
   if (!options.budget.empty()) {
     if (!options.budget.starts_with('+'))
       fail(ErrorKind::usage,
-           "--budget {0}: a resumed run takes the time for the rest, with a plus sign: --budget +{0}",
+           "--budget {0}: for a resumed run, pass the remaining time with a plus sign: --budget +{0}",
            options.budget);
     more_seconds = time_budget_seconds(options.budget.substr(1));
   }

@@ -53,13 +53,13 @@ std::size_t points_of(const Dataset& data);
 // (docs/results/2026-11-22-long-schedules.md).
 inline constexpr int kDefaultIterations = 16000;
 inline constexpr double kDefaultSeconds = 900;
-// Returns the settings of such a run if it has all iterations.
+// Returns the settings of a default run that completes all kDefaultIterations.
 TrainSettings default_settings(const NewSettings& run, const Dataset& data, const PictureFacts& pictures);
 
-// Collects what the run starts from and locks the output folder. If N is not given, the data determine it
-// later. Throws Error(usage) for missing or conflicting options, for settings that differ from those of the
-// run, and for an output folder that another process writes to or that shares files with the data. `holds`:
-// true for the first rank of a job. For the other ranks it is false, and they do not touch the folder.
+// Collects the inputs of a run and locks the output folder. If N is not given, the data determine it later.
+// Throws Error(usage) for missing or conflicting options, for settings that differ from those of the run, and
+// for an output folder that another process writes to or that shares files with the data. `holds`: true for
+// the first rank of a job. For the other ranks it is false, and they do not touch the folder.
 Start start_of(const StartOptions& options, const SettingsOptions& settings, bool holds = true);
 
 }  // namespace ubs::tools

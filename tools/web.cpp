@@ -176,12 +176,12 @@ Command add_web(CLI::App& root) {
                   "index of the camera that the page starts with [the first that shows the whole subject]")
       ->type_name("K");
   app->add_option("--poster", options->poster,
-                  "also save the still image of that camera, which the page shows until its first frame")
+                  "also save the still image that the page shows until its first frame")
       ->type_name("FILE.png");
   app->add_flag("--embed", options->embed,
                 "for embedding in another page: controls are folded, and the mouse wheel scrolls the outer "
                 "page until a click");
-  app->add_option("--title", options->title, "title of the page [name of the file]")->type_name("TEXT");
+  app->add_option("--title", options->title, "title of the page [name of the model file]")->type_name("TEXT");
   add_overwrite_option(*app, options->overwrite);
   app->add_flag("--json", options->json, "machine-readable output");
   app->add_flag("--quiet", options->quiet, "do not print progress");

@@ -10,10 +10,12 @@ namespace ubs {
 namespace {
 
 constexpr double kTurn = 2 * std::numbers::pi;
-constexpr std::size_t kWalkStations = 12;  // more would follow the shaking of a hand-held camera
-// Maximum length of the path through the cameras in their order, relative to the path that always goes to the
-// nearest remaining camera. Photographs taken while walking around an object have 1.0 to 1.3; random
-// positions on a sphere have 2 and more.
+// Maximum number of cameras that walk_path() visits. A path through more cameras would also follow the
+// shaking of a hand-held camera.
+constexpr std::size_t kWalkStations = 12;
+// walk_path() keeps the order of the cameras if the path in this order is at most this many times as long as
+// the path that always goes to the nearest remaining camera. The ratio is 1.0 to 1.3 for photographs taken
+// while walking around an object, and at least 2 for random positions on a sphere.
 constexpr double kDetour = 1.5;
 
 bool whole(double loops) { return loops == std::round(loops); }
@@ -97,8 +99,8 @@ class Keyframes : public CameraPath {
     const Vec3 p1 = key(i).position, p2 = key(i + 1).position;
     const Vec3 p0 = i > 0 || closed_ ? key(i + n - 1).position : 2.0 * p1 - p2;
     const Vec3 p3 = i + 2 < n || closed_ ? key(i + 2).position : 2.0 * p2 - p1;
-    const Vec3 v1 = 0.5 * (p2 - p0), v2 = 0.5 * (p3 - p1);  // velocities: a cubic Hermite curve
-    const double t = s * s * (3 - 2 * s);
+    const Vec3 v1 = 0.5 * (p2 - p0), v2 = 0.5 * (p3 - p1);  // velocities at p1 and p2
+    const double t = s * s * (3 - 2 * s);                   // the curve is a cubic Hermite spline
     return (1 - t) * p1 + t * p2 + s * (1 - s) * (1 - s) * v1 - s * s * (1 - s) * v2;
   }
 

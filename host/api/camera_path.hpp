@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// CameraPath is a function of u in [0, 1]: it gives the camera pose at each moment of a video. Closed paths
-// end where they begin (u = 1 is u = 0).
+// CameraPath is the path of the camera in a video. It returns the camera pose for each value of u, which goes
+// from 0 at the start of the video to 1 at its end. In a closed path, u = 0 and u = 1 have the same pose.
 #pragma once
 
 #include <memory>
@@ -17,16 +17,19 @@ class CameraPath {
   virtual ~CameraPath() = default;
   virtual Pose at(double u) const = 0;
   virtual bool closed() const = 0;
-  virtual bool has_time() const { return false; }  // whether Pose::time has a meaning
+  // Returns whether the path determines the time. If it does not, Pose::time of the returned poses is unused.
+  virtual bool has_time() const { return false; }
 };
 
-// Returns a path at constant distance and elevation that goes around the centre `loops` times (not 0;
-// negative: in the opposite direction).
+// Returns a path at constant distance and elevation that goes around the centre of the scene `loops` times.
+// `loops` must not be 0; if it is negative, the camera moves in the opposite direction. `fov` is the
+// horizontal angle of view [rad].
 std::unique_ptr<CameraPath> orbit_path(const SceneFrame& frame, double fov, double loops);
 
-// Returns a path for scenes that were photographed from one side. It circles around the mean position `loops`
-// times, with the spread of the cameras as its radius, and moves forward and backward once, by a third of the
-// spread. The camera always looks at the point at the focus depth of the mean pose.
+// Returns a path for scenes that were photographed from one side. It circles around the mean position of the
+// cameras `loops` times, with the radius SceneFrame::spread, and moves forward and backward once, by a third
+// of this radius. The camera always looks at the point that is in front of the mean pose, at the depth
+// SceneFrame::focus.
 std::unique_ptr<CameraPath> spiral_path(const SceneFrame& frame, double fov, double loops);
 
 // Returns a path through poses at equal intervals of u. Positions follow uniform Catmull-Rom splines (with
@@ -34,13 +37,13 @@ std::unique_ptr<CameraPath> spiral_path(const SceneFrame& frame, double fov, dou
 // Needs at least one pose. If `closed` is set, the path returns to the first pose.
 std::unique_ptr<CameraPath> keyframe_path(std::vector<Pose> keyframes, bool closed, bool has_time);
 
-// Returns a path along a dozen of the cameras, evenly chosen. The path keeps their order, unless that makes
-// it much longer than going from each camera to the nearest remaining one; in that case it does the latter.
-// Needs at least one camera.
+// Returns a path through at most twelve of the cameras, chosen at even intervals. The path keeps their order,
+// unless this makes it more than 1.5 times as long as a path that goes from each camera to the nearest
+// remaining one; then it returns the latter path. Needs at least one camera.
 std::unique_ptr<CameraPath> walk_path(std::span<const Camera> cameras, double fov);
 
-// Returns the value of u for each of `frames` images, evenly spaced from 0 to 1. Closed paths leave out the
-// end, because it equals the beginning.
+// Returns the value of u for each of `frames` images, evenly spaced from 0 to 1. For closed paths the value 1
+// is omitted, because its pose is that of the value 0.
 std::vector<double> path_moments(int frames, bool closed);
 
 }  // namespace ubs

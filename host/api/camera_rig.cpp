@@ -12,25 +12,26 @@
 namespace ubs {
 namespace {
 
-// Smallest determinant (see nearest_to_axes) for which the cameras have a common point. LLFF's fern,
-// photographed from one side, has 0.011, and its axes meet at 1.1 times the median depth of its points.
-// Captures around an object or in a room (NeRF Synthetic's lego, Mip-NeRF 360's bonsai, COLMAP's cup) have
-// 0.26 to 0.29.
+// Smallest determinant (see nearest_to_axes) for which the view axes of the cameras count as meeting in one
+// point. The scene fern of LLFF, which was photographed from one side, has a determinant of 0.011, and its
+// axes meet at 1.1 times the median depth of its points. The determinant is 0.26 to 0.29 for photographs
+// taken around an object or in a room (lego of NeRF Synthetic, bonsai of Mip-NeRF 360, cup of COLMAP).
 constexpr double kJustConverging = 0.002;
-// Half size of the common space, relative to half the width of the image at the meeting point. With this
-// value NeRF Synthetic gets 1.31; its published box has a half size of 1.3.
+// Half the side of the cube that all cameras see, relative to half the width of the image at the depth of the
+// meeting point. With this value, half the side is 1.31 for NeRF Synthetic; the published box has 1.3.
 constexpr double kFilled = 0.9;
-// Range of depths relative to the depth of the meeting point. For comparison, 96 % of the points are at: cup
-// 0.5 to 1.6, bonsai 0.8 to 4.0, fern 0.6 to 2.1.
+// Smallest and largest depth, relative to the depth of the meeting point. For comparison, the central 96 % of
+// the points have relative depths of 0.5 to 1.6 in cup, 0.8 to 4.0 in bonsai and 0.6 to 2.1 in fern.
 constexpr double kNearer = 0.5, kFarther = 4;
-// Without a meeting point, the only known length is the spread of the cameras, so the range of depths is a
-// multiple of it. It is a larger multiple for parallel cameras, which are close together compared with the
-// scene (fern: depths of 3.8 to 13). Other cameras move through the scene, which can also be closer than
-// their spread.
+// Without a meeting point, the only known length is the spread of the cameras (spread_of), so the range of
+// depths is given in multiples of the spread. The multiples are larger for parallel cameras, which are close
+// together compared with the distance of the scene (in fern, the depths are 3.8 to 13 times the spread).
+// Cameras that are not parallel move through the scene, so parts of the scene can be closer than the spread.
+// Cameras count as parallel if the mean of their unit view directions is longer than kParallel.
 constexpr double kParallel = 0.95;
 constexpr double kParallelNear = 2, kParallelFar = 20, kWalkNear = 0.5, kWalkFar = 10;
 // Minimum depth of the meeting point, relative to the spread of the cameras. A smaller depth means that the
-// point is where the cameras are.
+// point is among the cameras themselves.
 constexpr double kMinDepth = 1e-3;
 
 Vec3 mean_of(std::span<const Camera> cameras, Vec3 (*value)(const Camera&)) {
@@ -39,6 +40,7 @@ Vec3 mean_of(std::span<const Camera> cameras, Vec3 (*value)(const Camera&)) {
   return mean;
 }
 
+// Returns the largest distance of a camera from the mean position of all cameras.
 double spread_of(std::span<const Camera> cameras) {
   const Vec3 mean = mean_of(cameras, [](const Camera& c) -> Vec3 { return c.centre(); });
   double most = 0;
@@ -77,7 +79,7 @@ InitialSpace initial_space(std::span<const Camera> cameras, bool nothing_behind)
   if (!(depth > kMinDepth * spread)) {
     const Vec3 forward = mean_of(cameras, view_direction);
     return length(forward) > kParallel
-               ? between(kParallelNear * spread, kParallelFar * spread, "they look the same way")
+               ? between(kParallelNear * spread, kParallelFar * spread, "they look in the same direction")
                : between(kWalkNear * spread, kWalkFar * spread, "they look outwards");
   }
   if (!nothing_behind || !meeting_point(cameras)) {
@@ -89,7 +91,7 @@ InitialSpace initial_space(std::span<const Camera> cameras, bool nothing_behind)
   const double half = kFilled * median(cameras, [&](const Camera& c) {
                         return 0.5 * depth_of(*meeting, c) * std::sqrt(c.width / c.fx * (c.height / c.fy));
                       });
-  const auto shown = [&](std::size_t k) {  // shows values that are only rounding errors as 0
+  const auto shown = [&](std::size_t k) {  // values that are only rounding errors are printed as 0
     return std::abs((*meeting)[k]) < 1e-6 * depth ? 0.0 : (*meeting)[k];
   };
   return {

@@ -37,14 +37,16 @@ Split& split_to_fill(Dataset& set, const std::string& name) {
   return set.splits.emplace_back(Split{name, {}});
 }
 
-// Returns the data set for changes. Throws if a trainer uses it, because a trainer refers to its views.
+// Returns the data set, so that the caller can change it. Throws if a trainer uses the data set, because the
+// trainer refers to its views.
 Dataset& to_change(ubs_data* data) {
   if (given(data, "data").set.use_count() > 1)
     fail(ErrorKind::usage, "the data set cannot be changed while a trainer uses it");
   return *data->set;
 }
 
-// Returns the name of a new view; `split` is null if the split has no views yet.
+// Checks and returns the name of a new view. A null `name` is replaced by the index of the view. `split` is
+// null if the split has no views yet.
 std::string checked_name(const char* name, const Split* split) {
   const std::string text = name ? name : std::to_string(split ? split->views.size() : 0);
   if (safe_file_name(text) != text)
@@ -198,7 +200,7 @@ ubs_status ubs_data_set_points(ubs_data* data, size_t count, const float* positi
     if (count == 0) fail(ErrorKind::usage, "the data set has no points");
     given(positions, "positions");
     PointCloud points;
-    constexpr std::uint8_t kGrey = 127;  // as for points without colour in files
+    constexpr std::uint8_t kGrey = 127;  // the readers of point files use the same colour
     for (std::size_t i = 0; i < count; ++i) {
       const std::array<double, 3> world{positions[3 * i], positions[3 * i + 1], positions[3 * i + 2]};
       check_point(world, i, "points");

@@ -12,7 +12,7 @@ namespace ubs {
 namespace {
 
 struct BetaRows {
-  int first = 0, count = 0;  // count 0: the model has no such beta
+  int first = 0, count = 0;  // parameter rows of the beta; the count is 0 if the model does not have it
 };
 
 BetaRows beta_rows(const SplatModel& model, BetaKind kind) {
@@ -63,7 +63,8 @@ bool has_beta(const MixedModel& model, BetaKind kind) {
 
 std::vector<float> beta_values(const MixedModel& model, BetaKind kind) {
   if (!has_beta(model, kind))
-    fail(ErrorKind::usage, "the model has no {} betas to decompose by (it has {}, variant {})",
+    fail(ErrorKind::usage,
+         "the model has no {} betas, so it cannot be decomposed by them (it has {}, variant {})",
          to_string(kind), to_string(model), to_string(model.variant()));
   std::vector<float> values;
   values.reserve(model.count());

@@ -6,8 +6,8 @@
 namespace ubs::facade {
 namespace {
 
-// Lists the devices. leave_drivers_alone() must be called before the first use of a driver; every use of this
-// interface starts by listing devices.
+// Lists the devices. Also calls leave_drivers_alone(), which must be called before the first use of a driver.
+// This is the right place, because no function of the C interface can use a driver before devices are listed.
 std::vector<DeviceInfo> devices_here() {
   leave_drivers_alone();
   return list_devices();

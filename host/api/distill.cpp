@@ -18,12 +18,14 @@
 namespace ubs {
 namespace {
 
+// Number of images for measuring the quality, and minimum number of images for the training.
 constexpr std::size_t kTestRenders = 4, kLeastRenders = 12;
-constexpr double kShareOfRenders = 0.25;             // of the time
+constexpr double kShareOfRenders = 0.25;             // share of the time for rendering the training images
 constexpr double kGoldenShare = 0.618;               // golden ratio - 1
-constexpr std::uint32_t kColourStream = 0x64697374;  // separates these random numbers from all others
+constexpr std::uint32_t kColourStream = 0x64697374;  // number of the random stream of background colours
 
-// Returns the same splats with harmonics of this degree: missing ones are zero, higher ones are dropped.
+// Returns the same splats with spherical harmonics of this degree. Missing coefficients are zero, and those
+// of higher degrees are dropped.
 ImportedSplats with_degree(const ImportedSplats& splats, int degree) {
   ImportedSplats out = splats;
   out.sh_degree = degree;
@@ -35,6 +37,7 @@ ImportedSplats with_degree(const ImportedSplats& splats, int degree) {
   return out;
 }
 
+// Returns the length that is 1 during the training: the median depth of the splats, or 1 if it is unknown.
 double unit_of(const Split& views, const SplatModel& model) {
   PointCloud centres;
   for (std::size_t i = 0; i < model.count; ++i)
@@ -42,8 +45,8 @@ double unit_of(const Split& views, const SplatModel& model) {
   return median_depth(cameras_of(views), centres).value_or(1);
 }
 
-// Returns the numbers 0 to n - 1 in an order in which the first numbers of any count are spread over the
-// range.
+// Returns the numbers 0 to n - 1 in an order in which the first k numbers are spread over the whole range,
+// for every k.
 std::vector<std::size_t> scattered_order(std::size_t n) {
   std::size_t step =
       std::max<std::size_t>(1, static_cast<std::size_t>(kGoldenShare * static_cast<double>(n)));
@@ -59,7 +62,7 @@ Image8 rendered(ModelSession& session, std::uint32_t camera, const RenderSetting
   return image_from_interleaved(drawn.rgb, drawn.width, drawn.height);
 }
 
-// Returns the settings for the training. They keep the number of splats constant.
+// Returns the settings for training the Gaussians. With these settings the number of splats stays constant.
 TrainSettings distilling_settings(const TrainSettings& drawing, const SplatModel& initial) {
   TrainSettings s = fast_settings();
   s.dim = 3;
@@ -86,8 +89,8 @@ Distiller::Distiller(std::shared_ptr<Device> device, const MixedModel& model, Tr
       drawing_(std::move(drawing)),
       views_{views.name, {}},
       degree_(degree) {
-  // All views are rendered with the same time value, so one of several views that differ only in time is
-  // enough.
+  // All views are rendered for the same time. So if several views differ only in their time, only the first
+  // of them is used.
   std::vector<View> different;
   for (View& view : views.views) {
     view.camera.time = 0;

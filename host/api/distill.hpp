@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // Distiller converts a model at a fixed time to Gaussians with spherical harmonics whose images resemble
 // those of the model. It starts from the closed form (reduce_splats.hpp) and trains it on images that the
-// model itself renders for the given cameras, each in front of a random colour. So the Gaussians become
-// transparent where the model is transparent, and resemble it in front of any background.
+// model itself renders for the given cameras, each in front of a random colour. Because of the random
+// colours, the Gaussians become transparent where the model is transparent, and resemble the model in front
+// of any background.
 #pragma once
 
 #include <functional>
@@ -22,28 +23,29 @@ inline constexpr double kGaussianBlur = 0.3;  // eps2d with which other tools re
 
 struct Distilled {
   ImportedSplats splats;  // the closed form if the training was declined or did not improve it
-  int iterations = 0;     // 0: the training was declined
-  double seconds = 0;     // for measuring, rendering and training
-  // PSNR of closed form and result against renders of the model in front of its own background, mean over a
-  // few of the cameras [dB].
+  int iterations = 0;     // number of iterations of the training, or 0 if it was declined
+  double seconds = 0;     // time that measuring, rendering and training took together
+  // PSNR [dB] of the images of the closed form (`before`) and of the trained Gaussians (`after`), compared
+  // with images of the model in front of its own background. It is the mean over a few of the cameras.
   double before = 0, after = 0;
 };
 
-// What Distiller is going to do.
+// A DistillPlan describes the training that Distiller is about to start.
 struct DistillPlan {
-  std::size_t renders = 0;  // number of images that the model has rendered for the training
-  int iterations = 0;
-  double seconds = 0;  // expected time of the training
+  std::size_t renders = 0;  // number of images of the model that the Gaussians are trained on
+  int iterations = 0;       // number of iterations of the training
+  double seconds = 0;       // expected time of the training
 };
 
 class Distiller {
  public:
-  // Uses the cameras of `views`, not their images. `drawing` are the settings for rendering the model. The
-  // result has harmonics of degree `degree`.
+  // Uses only the cameras of `views`, not their images. `drawing` contains the settings for rendering the
+  // model. The resulting Gaussians have spherical harmonics of degree `degree`.
   Distiller(std::shared_ptr<Device> device, const MixedModel& model, TrainSettings drawing, Split views,
             int degree);
-  // Converts the model at this time. Takes about `seconds`, but trains for at least kMinIterations. Calls
-  // `start` before training, which may return false to decline it.
+  // Converts the model at the time `time`. Takes about `seconds`, or longer if kMinIterations iterations of
+  // training need more time. Calls `start` before the training. If `start` returns false, the training is
+  // skipped and the result is the closed form.
   Distilled at(double time, const ImportedSplats& closed_form, double seconds,
                const std::function<bool(const DistillPlan&)>& start);
 
@@ -56,7 +58,7 @@ class Distiller {
   std::shared_ptr<Device> device_;
   const MixedModel& model_;
   TrainSettings drawing_;
-  Split views_;  // in an order in which the first views of any number are far apart
+  Split views_;  // ordered so that the first k views are far apart, for every k
   int degree_;
   std::vector<StepCost> costs_;  // measured once, reused for further times
 };

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Converts ubs models to the splats of third-party formats.
+// exported_splats() converts ubs models to the splats of third-party formats.
 #pragma once
 
 #include <array>
@@ -12,10 +12,11 @@
 
 namespace ubs {
 
-// Returns the splats of a model as a third-party format stores them. A format with Beta splats stores models
-// of N = 3 exactly; other models throw Error(usage). A format with Gaussians stores all models, group by
-// group; groups that are Gaussians already are stored exactly. `remarks` receives sentences that say what was
-// done.
+// Returns the splats of a model as a third-party format stores them. Formats with Beta splats can only store
+// models of N = 3, and store them exactly; for other models the function throws Error(usage). Formats with
+// Gaussians can store all models. Each group is converted separately, and groups that already consist of
+// Gaussians are stored exactly. The function appends remarks for the user about the conversion to `remarks`.
+// `offset` is added to the positions of the model to get those in the world.
 ImportedSplats exported_splats(const SplatFormat& format, const MixedModel& model,
                                const std::array<double, 3>& offset, const ReduceOptions& options,
                                std::vector<std::string>& remarks);

@@ -19,18 +19,20 @@
 
 namespace ubs::facade {
 
-// An open device and its index in list_devices(). Objects that are created from it share it. Only one thread
-// at a time may work with it. The mutex is recursive, because the step callback of a training may call other
-// functions.
+// OpenDevice is an open device with its index in list_devices(). Objects that are created from a device share
+// its OpenDevice. Only one thread at a time may use the device, so each function locks `mutex` first. The
+// mutex is recursive, because the step callback of a training may call other functions of the library.
 struct OpenDevice {
   std::size_t index = 0;
   std::shared_ptr<Device> device;
   std::recursive_mutex mutex;
 };
 
+// Sets the error message of this thread, which ubs_error_message() returns.
 void remember_error(const char* message) noexcept;
 
-// Runs `action`. If it throws, sets the error message of this thread and returns the status.
+// Runs `action` and returns UBS_OK. If `action` throws, sets the error message of this thread and returns the
+// status code of the error.
 template <typename Action>
 ubs_status guarded(const Action& action) noexcept {
   try {
@@ -44,12 +46,13 @@ ubs_status guarded(const Action& action) noexcept {
     remember_error(error.what());
     return static_cast<ubs_status>(exit_code(error.kind()));
   } catch (...) {
-    remember_error("an exception of an unknown kind");
+    remember_error("an exception of an unknown type was thrown");
     return UBS_ERROR_INTERNAL;
   }
 }
 
-// Like guarded(), for functions that create a handle. `make` takes the device's lock if it uses a device.
+// Runs `make` and stores the handle that it returns in `*out`. Handles exceptions in the same way as
+// guarded(). If `make` uses a device, it must lock the mutex of the device itself.
 template <typename Handle, typename Make>
 ubs_status made(Handle** out, const Make& make) noexcept {
   if (out) *out = nullptr;
@@ -59,25 +62,30 @@ ubs_status made(Handle** out, const Make& make) noexcept {
   });
 }
 
+// Returns the object that `pointer` points to. Throws Error(usage) for a null pointer; `what` is the name of
+// the argument for the message.
 template <typename T>
 T& given(T* pointer, const char* what) {
   if (!pointer) fail(ErrorKind::usage, "{} is NULL", what);
   return *pointer;
 }
 
-// Copies a struct of the caller, which may have been compiled with fewer or more members than this library
-// has.
+// Copies a struct of the caller. The program of the caller may have been compiled with another version of
+// ubs.h, in which the struct has fewer or more members. Members that the caller does not have are 0 in the
+// copy.
 template <typename T>
 T taken(const T* from, const char* what) {
   const std::size_t size = given(from, what).size;
   if (size <= sizeof(std::size_t))
-    fail(ErrorKind::usage, "{}: its member `size` is {}: set it to sizeof ({} here)", what, size, sizeof(T));
+    fail(ErrorKind::usage,
+         "{}: its member `size` is {}: set it to the size of the struct ({} in this library)", what, size,
+         sizeof(T));
   T copy{};
   std::memcpy(&copy, from, std::min(size, sizeof(T)));
   return copy;
 }
 
-// Copies a result to the caller's struct and keeps its `size`.
+// Copies a result to the struct of the caller, except for its member `size`, which stays unchanged.
 template <typename T>
 void put(T* to, T value, const char* what) {
   const std::size_t size = taken(to, what).size;
@@ -85,7 +93,7 @@ void put(T* to, T value, const char* what) {
   std::memcpy(to, &value, std::min(size, sizeof(T)));
 }
 
-// Copies as much of the text as fits, with a terminating 0.
+// Copies the text, truncated to N - 1 bytes if it is longer, and appends a 0 byte.
 template <std::size_t N>
 void put_text(char (&to)[N], const std::string& text) {
   const std::size_t length = std::min(text.size(), N - 1);
@@ -99,8 +107,9 @@ ubs_camera camera_to(const Camera& camera);
 // values that the model's dimensions need.
 Camera camera_for(const LoadedModel& model, const ubs_camera* camera);
 
-// Returns everything except the splits.
+// Returns a copy of the data set without its splits.
 Dataset without_views(const Dataset& data);
+// Returns the training split. Throws Error(data) if it is missing or empty.
 const Split& train_of(const Dataset& data);
 
 }  // namespace ubs::facade

@@ -10,11 +10,12 @@
 namespace ubs {
 namespace {
 
-// The device uses this value for 8-bit images, so that equal images give bit-identical values and an infinite
-// PSNR.
+// The factor that converts 8-bit values to the range 0 to 1. The kernels multiply the reference image by the
+// same float. Therefore equal images give bit-identical values, and an infinite PSNR.
 constexpr float kUnit = 0.00392156862745098f;
 
-// Converts (height, width, 3) to planes of `rows` rows, with `pitch` values per row.
+// Converts an image of shape (height, width, 3) to three planes with `rows` rows of `pitch` values each. The
+// padding on the right and at the bottom is 0. `change` is applied to every value.
 template <typename To, typename From, typename Change>
 std::vector<To> planes(std::span<const From> image, int width, int height, int pitch, int rows,
                        const Change& change) {

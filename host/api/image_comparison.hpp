@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// ImageComparison computes metrics of a pair of images in host memory: PSNR, SSIM and LPIPS.
+// ImageComparison compares two images in host memory and computes their PSNR, SSIM and LPIPS.
 #pragma once
 
 #include <memory>
@@ -17,7 +17,7 @@ class ImageComparison {
  public:
   ImageComparison(Device& device, const LpipsRequest& request);
 
-  // Compares two images of the same size; the caller must have checked the size.
+  // Compares two images. Both must have the same size, which this function does not check.
   ViewMetrics measure(const std::string& name, const Image8& truth, const Image8& image);
   // Compares two images of shape (height, width, 3). Both are clamped to [0, 1].
   ViewMetrics measure(const std::string& name, int width, int height, std::span<const float> truth,

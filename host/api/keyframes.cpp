@@ -16,7 +16,7 @@ using frames::Node;
 
 constexpr double kDegree = std::numbers::pi / 180;
 
-// Throws for unknown fields, because a misspelt field would otherwise be silently ignored.
+// Throws Error(data) for unknown fields, because a misspelt field would otherwise be silently ignored.
 void check_fields(const Json& object, const std::string& where, std::initializer_list<const char*> known) {
   for (const auto& [key, value] : object.items())
     if (std::ranges::find(known, key) == known.end())
@@ -29,7 +29,7 @@ Pose looking_pose(const Node& node, const KeyframeDefaults& defaults) {
   if (!(length(target - position) > 1e-9))
     fail(ErrorKind::data, "{}: 'look_at' must differ from the position of the camera", node.where);
   if (!(length(cross(normalised(up), normalised(target - position))) > 1e-6))
-    fail(ErrorKind::data, "{}: 'up' is zero or points along the view", node.where);
+    fail(ErrorKind::data, "{}: 'up' must not be zero or parallel to the view direction", node.where);
   return look_at(position, target, up);
 }
 
@@ -57,7 +57,7 @@ Pose read_pose(const Node& node, const KeyframeDefaults& defaults) {
   pose.position = pose.position - defaults.offset;
   const double degrees = node.has("fov") ? node.number("fov") : defaults.fov / kDegree;
   if (!(degrees > 0.1 && degrees < 179))
-    fail(ErrorKind::data, "{}: 'fov' = {} must lie between 0.1 and 179 degrees", node.where, degrees);
+    fail(ErrorKind::data, "{}: 'fov' = {} must be between 0.1 and 179 degrees", node.where, degrees);
   pose.fov = degrees * kDegree;
   pose.time = node.has("time") ? node.number("time") : 0.0;
   return pose;
@@ -81,8 +81,8 @@ KeyframeFile read_keyframes(const std::filesystem::path& path, const KeyframeDef
     times += node.has("time");
   }
   if (times != 0 && times != file.poses.size())
-    fail(ErrorKind::data, "{}: {} of {} keyframes have a 'time': give it to all or to none", path.string(),
-         times, file.poses.size());
+    fail(ErrorKind::data, "{}: {} of {} keyframes have a 'time': either all keyframes or none must have it",
+         path.string(), times, file.poses.size());
   file.has_time = times > 0;
   return file;
 }

@@ -15,8 +15,8 @@ namespace {
 
 thread_local char message[1024] = "";
 
-// Replaces names of options of the executable by those of settings and arguments: "--test-every" by
-// "test_every".
+// Replaces the names of command line options in a message by the names of settings and arguments of the
+// library, for example "--test-every" by "test_every".
 std::string in_library_terms(std::string_view text) {
   std::string result;
   for (std::size_t at = 0; at < text.size();) {
@@ -54,7 +54,7 @@ const char* ubs_version(void) { return ubs::kVersion; }
 const char* ubs_error_message(void) { return ubs::facade::message; }
 
 void ubs_set_log(ubs_log_function function, void* user) {
-  // This function has no status to return. If it fails, the log stays as it was.
+  // This function returns no status. If it fails, the previous log function remains set.
   ubs::facade::guarded([&] {
     if (!function) return ubs::set_log({});
     ubs::set_log([function, user](ubs::LogLevel level, const std::string& text) {

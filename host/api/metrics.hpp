@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// metrics_to() converts metrics to the struct of the C interface.
+// metrics_to() converts the metrics of a view to the struct of the C interface.
 #pragma once
 
 #include "host/api/handles.hpp"

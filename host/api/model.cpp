@@ -11,8 +11,8 @@
 namespace ubs::facade {
 namespace {
 
-// Returns the name of a parameter group as a string with static lifetime. A variant has its groups in this
-// order.
+// Returns the name of a parameter group as a string with static lifetime. kNames contains the names of all
+// variants, in the order in which the groups are stored.
 const char* group_name(const std::string& name) {
   static constexpr const char* kNames[] = {"xyz",  "rgb",  "sh0",   "sh_rest",    "lobes",   "opacity",
                                            "beta", "mean", "scale", "l_triangle", "rotation"};
@@ -22,7 +22,7 @@ const char* group_name(const std::string& name) {
 }
 
 void check_count(std::uint64_t splats) {
-  constexpr std::uint64_t kMaxSplats = 100'000'000;  // the same limit as for cap_max
+  constexpr std::uint64_t kMaxSplats = 100'000'000;  // also the maximum of the setting cap_max
   if (splats < 1 || splats > kMaxSplats)
     fail(ErrorKind::usage, "a model can have 1 to {} splats, not {}", kMaxSplats, splats);
 }
@@ -90,7 +90,7 @@ ubs_status ubs_model_copy(const ubs_model* model, ubs_model** copy) {
 ubs_status ubs_model_create_like(const ubs_model* model, uint64_t splats, ubs_model** created) {
   return made(created, [&] {
     const LoadedModel& loaded = given(model, "model").loaded;
-    const SplatModel& group = loaded.model.single("a model of another number of splats");
+    const SplatModel& group = loaded.model.single("creating a model with another number of splats");
     check_count(splats);
     auto like = std::make_unique<ubs_model>();
     like->loaded.offset = loaded.offset;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// ModelSession is a model on a device, ready to be rendered.
+// ModelSession holds a model on a device, together with a renderer for it and the settings for rendering.
 #pragma once
 
 #include <memory>
@@ -14,15 +14,17 @@
 
 namespace ubs {
 
-// Opens a model file of any format. Logs what was dropped or noticed while reading as warnings.
+// Opens a model file of any format. Logs a warning for each remark of the reader, for example about splats
+// that it dropped.
 LoadedModel open_model(const std::string& path);
 
-// Returns the default settings, replaced by the settings for rendering that the model states. Throws
-// Error(data) whose message starts with `path` for invalid values.
+// Returns settings for rendering a model: the values that are stored in the model file, and the defaults for
+// all other settings. Throws Error(data) for invalid values; the message starts with `path`.
 TrainSettings noted_settings(const ModelNotes& notes, const std::string& path);
 
-// Returns the kernel configuration. Dimension and variant are those of the model's first group, whatever the
-// settings say; no parameters are frozen. depth, backward, absgrad, falloff: see KernelConfig.
+// Returns the kernel configuration for rendering a model. Dimension and variant are those of the first group
+// of the model, not those of the settings, and no parameters are frozen. KernelConfig explains `depth`,
+// `backward`, `absgrad` and `falloff`.
 KernelConfig config_for(const Device& device, const MixedModel& model, const TrainSettings& settings,
                         bool depth, bool backward, bool absgrad = false,
                         std::optional<OwnFalloff> falloff = {});
@@ -41,7 +43,7 @@ class ModelSession {
   Stages& stages() { return model_.stages(); }
   Renderer& renderer() { return renderer_; }
   const DeviceGroups& model() const { return model_; }
-  // Shows a subset of the splats that the session was created with.
+  // Replaces the splats on the device by `part`, a subset of the splats that the session was created with.
   void choose(const MixedModel& part) { model_.upload(part); }
   const RenderSettings& settings() const { return settings_; }
 

@@ -11,8 +11,8 @@
 namespace ubs::reduce {
 namespace {
 
-// The state that training adds to a model. The learning rates are zero, so that a step does its full work but
-// changes nothing.
+// Step runs training steps of a model, and holds the buffers that training needs in addition to the model.
+// The learning rates are zero, so a step does all of its computations but does not change the model.
 class Step {
  public:
   Step(Device& device, const TimedModel& timed)
@@ -49,6 +49,7 @@ class Step {
   std::vector<Buffer<float>> rates_;
 };
 
+// Runs `work` and returns its wall time, until the device is idle.
 template <typename Work>
 double milliseconds(Device& device, const Work& work) {
   device.finish();
@@ -71,8 +72,8 @@ std::array<ModelTimes, 2> measure_times(Device& device, const std::array<TimedMo
     const Target target = targets.get(view);
     for (std::size_t turn = 0; turn < 2; ++turn) {
       const std::size_t m =
-          // The models take turns at being first, because the second one finds the caches that the first one
-          // filled.
+          // Which model is measured first alternates, because the second one benefits from the caches that
+          // the first one has filled.
           (turn + round) % 2;
       const double drawn = milliseconds(
           device, [&] { models[m].renderer->forward(models[m].model->view(), view, settings, false); });

@@ -12,16 +12,17 @@
 namespace ubs::reduce {
 
 struct ModelTimes {
-  Summary render_ms, step_ms;  // wall time until the device is idle
+  Summary render_ms, step_ms;  // wall times until the device is idle [ms]
 };
 
 struct TimedModel {
   const DeviceGroups* model;
-  Renderer* renderer;  // its cameras are those of the views
+  Renderer* renderer;  // must have the cameras of the views
 };
 
-// Measures `rounds` views, evenly spread over the first `views` of the renderers; `targets` has their images
-// under the same numbers. One warm-up round before them is not counted.
+// Measures both models in `rounds` rounds, each with one view. The views are evenly spread over the first
+// `views` cameras of the renderers, and `targets` contains the image of each view under the same index. A
+// warm-up round precedes the others and is not counted.
 std::array<ModelTimes, 2> measure_times(Device& device, const std::array<TimedModel, 2>& models,
                                         const RenderSettings& settings, std::size_t views,
                                         TargetImages& targets, std::size_t rounds);

@@ -32,7 +32,8 @@ Dataset open_dataset(const std::optional<OpenedData>& opened, const std::filesys
                      const std::vector<std::string>& image_splits, const TrainSettings& settings,
                      Images images) {
   DatasetOptions options = reading_options(settings);
-  if (opened) options.read.image_cache_mb = opened->reading.read.image_cache_mb;  // matters only for decoding
+  // The size of the image cache only affects decoding, so a different size does not prevent reuse.
+  if (opened) options.read.image_cache_mb = opened->reading.read.image_cache_mb;
   if (!opened || opened->folder != folder || opened->reading != options)
     return open_dataset(folder, image_splits, settings, images);
   options = reading_options(settings);
@@ -74,15 +75,16 @@ Split open_split_for(const std::array<double, 3>& offset, const std::filesystem:
   return taken;
 }
 
-// N is the sum of 3 (position), 3 for the direction (from N = 6 on), 1 for the time, and the number of
-// further values, in the order of method.md 1.2.
+// N is the sum of 3 for the position, 3 for the direction (if N >= 6), 1 for the time, and the number of
+// further query values. They are in the order of docs/method.md, section 1.2.
 void check_query(const Split& split, int dim) {
   const int query = dim - 3 - (dim >= 6 ? 3 : 0);
   const std::size_t needed = query > 1 ? static_cast<std::size_t>(query - 1) : 0;
   for (const View& view : split.views)
     if (view.camera.extra.size() < needed)
       fail(ErrorKind::data,
-           "view '{}' of split '{}' has {} further query values; N = {} needs {} ('query' of a frame)",
+           "view '{}' of split '{}' has {} further query values, but N = {} needs {} (field 'query' of a "
+           "frame)",
            view.name, split.name, view.camera.extra.size(), dim, needed);
 }
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Opens data folders for commands and the library: loads them with the settings and checks them against a
-// model.
+// These functions open data folders for commands and for the library. They read the data as the settings
+// specify, and check that the views fit a model.
 #pragma once
 
 #include <array>
@@ -17,38 +17,44 @@ namespace ubs {
 
 enum class Images { load, skip };
 
-// Loads the folder in any known layout, with images of the named splits (empty list: of all splits).
+// Loads a data folder of any supported layout. Loads the images of the splits in `image_splits`, or of all
+// splits if the list is empty. With Images::skip, loads no images.
 Dataset open_dataset(const std::filesystem::path& folder, const std::vector<std::string>& image_splits,
                      const TrainSettings& settings, Images images);
 
-// A data set that was opened once. The images of all splits are sources that are decoded on demand.
+// OpenedData is a data set that was opened once, so that later calls need not read the files again. The
+// images of all splits are only decoded when they are needed.
 struct OpenedData {
   std::filesystem::path folder;
-  DatasetOptions reading;  // options that it was opened with
+  DatasetOptions reading;  // options that the data set was opened with
   Dataset data;
 };
 OpenedData open_undecoded(const std::filesystem::path& folder, const TrainSettings& settings);
-// Like open_dataset() above, but uses `opened` instead of the files if these settings read them the same way.
+// Returns the same data set as open_dataset() above. Does not read the files again if `opened` is the data
+// set of the same folder and was opened with the same options.
 Dataset open_dataset(const std::optional<OpenedData>& opened, const std::filesystem::path& folder,
                      const std::vector<std::string>& image_splits, const TrainSettings& settings,
                      Images images);
 
-// Moves the split out. Throws an error that lists the available splits if it is missing or empty.
+// Moves the split out of the data set and returns it. If it is missing or empty, throws Error(data) with a
+// list of the available splits.
 Split take_split(Dataset& data, const std::string& split);
 
-// Prints a warning for everything that was skipped.
+// Logs a warning for each kind of item of the data that the loader skipped, for example images without a
+// camera.
 void warn_skipped(const LoadReport& report);
 
-// Calls open_dataset, warn_skipped and take_split. Returns at least one view; with Images::skip, views have
-// no images. Cameras are relative to `offset` (that of a model: world = model + offset). If the settings name
-// the folder of a run, the cameras are those that the run has refined.
+// Opens a data set and returns one of its splits, which has at least one view. Also logs warnings about
+// skipped data. With Images::skip, the views have no images. The returned cameras are in the coordinates of a
+// model: a position in the world is the position in the model plus `offset`. If settings.run_cameras is the
+// folder of a run, the cameras that this run has refined are used.
 Split open_split_for(const std::array<double, 3>& offset, const std::filesystem::path& folder,
                      const std::string& split, const TrainSettings& settings, Images images,
                      const std::optional<OpenedData>& opened = {});
 
 // Throws Error(data) if the views have fewer query values than N dimensions need.
 void check_query(const Split& split, int dim);
-// Throws Error(data) that names the first view without an image.
+// Throws Error(data) if a view has no image. The message contains the name of the first such view.
 void require_images(const Split& split);
 
 }  // namespace ubs

@@ -11,7 +11,7 @@
 namespace ubs {
 namespace {
 
-// Returns the Turbo colour map for values from 0 to 255, as R, G, B.
+// Returns the 256 colours (R, G, B) of the Turbo colour map.
 const cv::Mat3b& turbo() {
   static const cv::Mat3b table = [] {
     cv::Mat1b levels(1, 256);

@@ -17,17 +17,17 @@ struct DepthRange {
   bool empty() const { return !(far > near); }
 };
 
-// Returns the range from the 1st to the 99th percentile; {0, 0} if there are no depths.
+// Returns the range from the 1st to the 99th percentile of the depths, or {0, 0} if there are no depths.
 DepthRange depth_percentiles(std::vector<float> depths);
-// Returns the depth range of the pixels with alpha above 0.5. Empty if there are no such pixels or if all
-// have the same depth.
+// Returns the range of depths (see depth_percentiles) of the pixels whose alpha is above 0.5. The range is
+// empty if there are no such pixels, or if all of them have the same depth.
 DepthRange depth_range(const RenderedView& view);
 // Returns the smallest range that contains both; an empty range is ignored.
 DepthRange united(const DepthRange& a, const DepthRange& b);
 
-// Depth is shown in the Turbo colour map, red for near and blue for far, and darker where alpha is below 1;
-// alpha is shown in grey. A value that is not finite is an error (host/data/image.hpp). `range` is only used
-// for depth.
+// Returns one channel of a rendered view as an image. Depth is shown in the colours of the Turbo colour map,
+// from red at range.near to blue at range.far, multiplied by alpha. Alpha is shown in grey. `range` is only
+// used for depth. Throws Error(numerical) if a value of the channel is not finite.
 Image8 picture(const RenderedView& view, Channel channel, const DepthRange& range = {});
 
 }  // namespace ubs

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Opens verified devices. A device that a command uses for training, rendering or measuring must first have
-// been verified: it computes correctly what the command needs (host/check/gate.hpp).
+// These functions open verified devices. Before a command uses a device for training, rendering or measuring,
+// the kernels that the command needs are verified on this device (host/check/gate.hpp).
 #pragma once
 
 #include <memory>
@@ -13,18 +13,22 @@
 
 namespace ubs {
 
-// Returns what a training with these settings needs.
+// Returns the kernels that a training with these settings needs.
 check::Use training_use(const TrainSettings& settings);
-// Returns what rendering a model needs, for each of its groups. `backward`: also its gradients.
+// Returns the kernels that rendering the groups of a model needs. If `backward` is set, the kernels for its
+// gradients are included.
 check::Use drawing_use(const MixedModel& model, const TrainSettings& settings, bool backward = false);
 
-// Returns what comparing images needs. `networks`: also LPIPS.
+// Returns the kernels that comparing images needs. If `networks` is set, those of LPIPS are included.
 check::Use comparing_use(bool networks);
-// Throws Error(faulty) if this device, which is number `index` in list_devices(), computes wrong results.
+// Verifies a device. Throws Error(faulty) if the device computes wrong results. `index` is the index of the
+// device in list_devices().
 void prove_device(const DeviceInfo& info, std::size_t index, const check::Use& use);
-// Throws the same errors as choose_proved_device() and open_device().
+// Chooses a device (see choose_proved_device in host/check/gate.hpp), verifies it and opens it. Throws the
+// same errors as choose_proved_device() and open_device().
 std::unique_ptr<Device> open_proved_device(const std::string& request, const check::Use& use);
-// Returns a request that selects exactly the verified device, to be passed on to other processes.
+// Chooses and verifies a device, and returns a request that selects exactly this device. It can be passed on
+// to other processes.
 std::string proved_request(const std::string& request, const check::Use& use);
 
 }  // namespace ubs

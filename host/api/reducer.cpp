@@ -9,7 +9,7 @@
 namespace ubs::reduce {
 namespace {
 
-constexpr std::size_t kBlock = 256;  // splats per work item
+constexpr std::size_t kBlock = 256;  // splats per task of parallel_for()
 
 // Position of a splat in the model: its group, and its index in the group.
 struct Place {
@@ -23,10 +23,10 @@ std::vector<Place> places_of(const MixedModel& model) {
   return places;
 }
 
-// Splats of one dimension, collected one after the other.
+// Collected holds the splats of the new model that have the same number of dimensions.
 struct Collected {
-  std::vector<std::uint32_t> sources;
-  std::vector<float> values;  // the parameters of a splat are contiguous
+  std::vector<std::uint32_t> sources;  // index of each splat in the original model
+  std::vector<float> values;           // parameters; those of one splat are contiguous
 };
 
 SplatModel assemble(int dim, const ModelVariant& variant, const Collected& collected) {

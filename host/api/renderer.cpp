@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// This file implements the C interface for a model on a device: rendered images, and gradients with respect
-// to what was rendered.
+// This file implements the C interface for a model on a device. It renders images, and computes gradients
+// with respect to the parameters of the splats and the camera.
 #include <algorithm>
 #include <cmath>
 #include <optional>
@@ -14,18 +14,19 @@
 
 struct ubs_renderer {
   std::shared_ptr<ubs::facade::OpenDevice> open;
-  // Dimensions, variant, splats and offset of the model that the renderer was created with, without values.
+  // Dimensions, variant, number of splats and offset of the model that the renderer was created with. It has
+  // no parameter values.
   ubs::LoadedModel shape;
   unsigned flags = 0;
   std::optional<ubs::ModelSession> session;
   std::vector<std::byte> staging;              // for images that are copied to the caller
   std::optional<ubs::GroupBuffers> gradients;  // allocated at the first request for gradients
-  // Camera of the image on the device, if this image can be differentiated without rendering it again
+  // Camera of the image on the device, if this image can be differentiated without rendering it again.
   std::optional<ubs_camera> kept;
-  // Camera of the last gradient; empty if there is no valid gradient
+  // Camera of the last gradient; empty if there is no valid gradient.
   std::optional<ubs::Camera> differentiated;
   ubs::ImageShape v_rgb_shape;  // size of UBS_ARRAY_V_RGB when it was last returned
-  // The gradient of alpha or depth has overwritten the image.
+  // True if computing the gradient of alpha or depth has overwritten the image on the device.
   bool painted_over = false;
 };
 
@@ -44,8 +45,8 @@ bool depends_on_direction(const MixedModel& model) {
   });
 }
 
-// Throws unless the groups have the same dimensions and variants, and the same numbers of splats (or at most
-// as many, if `same_count` is false).
+// Throws Error(usage) unless both models have groups of the same dimensions and variants. The groups must
+// also have the same numbers of splats; if `same_count` is false, those of `b` may have fewer splats.
 void check_same_groups(const MixedModel& a, const MixedModel& b, bool same_count, const char* what) {
   bool same = a.groups.size() == b.groups.size();
   for (std::size_t g = 0; same && g < a.groups.size(); ++g)
@@ -61,7 +62,8 @@ void check_finite(std::span<const float> values, const char* what) {
     if (!std::isfinite(value)) fail(ErrorKind::usage, "{} contains values that are not finite", what);
 }
 
-// Returns the shapes of the groups with their current number of splats.
+// Returns a model without values whose groups have the dimensions, variants and current numbers of splats of
+// the groups on the device.
 MixedModel groups_of(const ubs_renderer& renderer) {
   MixedModel shape = renderer.shape.model;
   const std::vector<DeviceModel>& groups = renderer.session->model().groups();
@@ -69,8 +71,9 @@ MixedModel groups_of(const ubs_renderer& renderer) {
   return shape;
 }
 
-// Copies the gradients into the caller's model. The caller may hold pointers to its values, so they are kept
-// in place. Copies everything or nothing.
+// Copies the gradients into the model of the caller. The caller may hold pointers to the values of this
+// model, so its arrays are not reallocated. If a gradient is not finite, throws Error(numerical) and copies
+// nothing.
 void download(const ubs_renderer& renderer, MixedModel& to) {
   MixedModel values{std::vector<SplatModel>{}};
   const std::vector<DeviceModel>& groups = renderer.session->model().groups();
@@ -90,7 +93,8 @@ std::span<const BufferView<float>> gradient_buffers(ubs_renderer& renderer) {
   return renderer.gradients->view();
 }
 
-// Describes an array of (planes, rows, pitch) as (height, width, planes) or (height, width).
+// Describes an image that is stored as (planes, rows, pitch) as an array of shape (height, width, 3) if
+// `planes` is set, and otherwise as an array of shape (height, width).
 void put_picture(ubs_array& array, const ImageShape& shape, bool planes) {
   const std::int64_t pitch = shape.pitch(), plane = static_cast<std::int64_t>(shape.plane());
   array.dims = planes ? 3 : 2;
@@ -104,7 +108,8 @@ bool is_v_rgb(ubs_renderer& renderer, const float* rgb) {
   return rgb && memory && memory->address().pointer == rgb;
 }
 
-// Throws Error(usage) if the expressions cannot be options of a compiler, or do not fit the model.
+// Converts a user-defined falloff. Throws Error(usage) if the kernels of the model have no beta, or if an
+// expression contains blanks or quotes, because the expressions are passed to the compiler as options.
 OwnFalloff falloff_from(const ubs_falloff& falloff, const MixedModel& model) {
   const ubs_falloff from = taken(&falloff, "falloff");
   OwnFalloff own{&given(from.log2, "falloff.log2"), &given(from.r_slope, "falloff.r_slope"),
@@ -180,7 +185,7 @@ ubs_status ubs_renderer_create_falloff(ubs_device* device, const ubs_model* mode
 
 void ubs_renderer_free(ubs_renderer* renderer) {
   if (!renderer) return;
-  // Keeps the lock alive until the renderer is deleted
+  // This copy keeps the mutex alive until the renderer is deleted.
   const std::shared_ptr<OpenDevice> open = renderer->open;
   const std::lock_guard lock(open->mutex);
   delete renderer;
@@ -334,7 +339,8 @@ ubs_status ubs_renderer_get_array(ubs_renderer* renderer, ubs_array_name name, u
            "{} does not provide addresses of its memory: only CUDA devices and PoCL on CPUs do",
            session.device().info().name);
     BufferView<float> found;
-    // Where the values of a splat are in an array of records: the first one, and the distance between splats
+    // For arrays of records: the position of the first value, and the distance between the values of two
+    // splats.
     std::size_t column = 0, stride = 0;
     switch (name) {
       case UBS_ARRAY_PARAMETERS:
@@ -375,8 +381,8 @@ ubs_status ubs_renderer_get_array(ubs_renderer* renderer, ubs_array_name name, u
     }
     if (!found.memory)
       fail(ErrorKind::usage,
-           "the renderer does not have this array: nothing has been rendered yet, or it was created without "
-           "depth");
+           "the renderer does not have this array: nothing has been rendered yet, or the renderer was "
+           "created without UBS_RENDER_DEPTH");
     session.device().finish();
     const DeviceAddress address = found.memory->address();
     out.values = static_cast<float*>(address.pointer);

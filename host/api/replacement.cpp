@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// See replacement.hpp. The replacement starts as the marginal of the splat (method.md 2.1: rows of L), which
-// does not change the conditioning on the remaining dimensions if trailing ones are removed. Then its
-// opacity, mean and, for N = 3, covariance become the weighted means over the views.
+// This file implements replacement.hpp. The replacement starts as the marginal of the splat, which has the
+// rows of L of the remaining dimensions (docs/method.md, section 2.1). If only the last dimensions are
+// removed, this does not change the conditioning on the remaining ones. Then the opacity and the mean, and
+// for N = 3 also the covariance, are replaced by weighted means over the views.
 #include "host/api/replacement.hpp"
 
 #include <algorithm>
@@ -19,7 +20,7 @@ constexpr double kMaxOpacity = 1 - 1e-6;
 bool has_direction(int dim) { return dim >= 6; }
 int value_count(int dim) { return dim - 3 - (has_direction(dim) ? 3 : 0); }
 
-// Returns the query dimensions of N = `from` that correspond to those of N = `to`.
+// Returns the query dimensions of a splat of N = `from` that a splat of N = `to` has too.
 std::vector<int> kept_query(int from, int to) {
   std::vector<int> kept;
   if (has_direction(to)) kept = {0, 1, 2};
@@ -29,18 +30,20 @@ std::vector<int> kept_query(int from, int to) {
 
 double inverse_softplus(double y) { return y + std::log(-std::expm1(-std::max(y, 1e-7))); }
 
-// Returns a model with this single splat, which Slicer can read.
+// Returns a model that consists of this single splat.
 SplatModel single_splat(const SplatModel& model, std::size_t splat) {
   SplatModel one(model.dim, 1, model.variant);
   for (int r = 0; r < model.layout().count; ++r) one.row(r)[0] = model.row(r)[splat];
   return one;
 }
 
+// Returns the index of an element of L below the diagonal, in the order in which the elements are stored.
 int triangle(int row, int column) { return row * (row - 1) / 2 + column; }
 
-// Sets the rows of L of the remaining query dimensions. If columns are removed, the triangle of the remaining
-// columns must account for them: it is the Cholesky factor of the products of the rows without their spatial
-// columns.
+// Sets the rows of L of the remaining query dimensions. Each row has three spatial columns, which are copied,
+// and one column for each query dimension. If columns of removed dimensions are not zero, the remaining query
+// columns must account for them. Therefore they are computed as the Cholesky factor of the matrix of the dot
+// products of the original rows, without the spatial columns.
 void marginal_rows(const SplatModel& from, SplatModel& to, const std::vector<int>& kept) {
   const ParameterLayout a = from.layout(), b = to.layout();
   const auto entry = [&](int q, int column) -> double {
@@ -50,7 +53,7 @@ void marginal_rows(const SplatModel& from, SplatModel& to, const std::vector<int
     return column == row ? (raw > 20 ? raw : std::log1p(std::exp(raw))) : 0.0;
   };
   const auto stays = [&](int q) { return std::ranges::find(kept, q) != kept.end(); };
-  // The removed columns are all zero, so the remaining rows are copied exactly.
+  // True if the removed columns are all zero, so that the remaining rows can be copied exactly.
   bool untouched = true;
   for (const int q : kept)
     for (int c = 0; c < q; ++c) untouched = untouched && (stays(c) || entry(q, 3 + c) == 0);
@@ -79,6 +82,7 @@ void marginal_rows(const SplatModel& from, SplatModel& to, const std::vector<int
   }
 }
 
+// Returns the marginal of a splat: a splat of N = `dim` without the removed query dimensions.
 SplatModel marginal(const SplatModel& from, int dim) {
   SplatModel to(dim, 1, from.variant);
   const ParameterLayout a = from.layout(), b = to.layout();
@@ -101,9 +105,10 @@ SplatModel marginal(const SplatModel& from, int dim) {
   return to;
 }
 
-// Returns whether removing the dimensions has no effect. This is true if their exponent and weight are zero
-// in float32 and no remaining dimension is correlated with them: then their opacity factor, offset and
-// shrinkage are exactly 1, 0 and I for every query.
+// Returns whether removing the query dimensions that N = `dim` does not have has no effect. This is the case
+// if exp(raw query beta) of these dimensions is zero in float32, and no remaining dimension is correlated
+// with them. Then, for every query, they multiply the opacity by exactly 1 and change neither the mean nor
+// the covariance.
 bool without_effect(const SplatModel& from, int dim) {
   const ParameterLayout l = from.layout();
   const std::vector<int> kept = kept_query(from.dim, dim);
@@ -144,10 +149,11 @@ QueryValues query_of(const SplatModel& splat, const Camera& camera) {
   return query;
 }
 
-struct Seen {  // the splat in one view that sees it
+// Seen describes a splat in a view in which it is visible.
+struct Seen {
   Slice slice;
   double weight = 0;  // maximum blended weight
-  double px = 0;      // pixels per unit of length perpendicular to the line of sight
+  double px = 0;      // size in the image of one unit of length at the depth of the splat [px]
 };
 
 double depth_of(const Camera& camera, const std::array<double, 3>& p) {
@@ -168,10 +174,11 @@ std::vector<Seen> slices_of(const SplatModel& splat, const SplatViews& views) {
   return seen;
 }
 
-// Returns the maximum change of the kernel's falloff if the ellipse moves by `shift` and stretches by
-// `stretch`, both relative to its size. It is computed from the maxima of the slopes 2 beta (1-r)^(beta-1)
-// sqrt(r) and beta (1-r)^(beta-1) r. For beta near and below 1 these are at the rim, so r is limited to 0.9.
-// Gaussian: sqrt(r) exp(-r/2), r exp(-r/2) / 2.
+// Returns an estimate of the maximum change of the falloff of the kernel if the ellipse moves by `shift` and
+// stretches by `stretch`, both relative to its size. It is the sum of both, multiplied by the maximum slope
+// of the falloff. For a Beta kernel (beta > 0) the slopes are 2 beta (1-r)^(beta-1) sqrt(r) for `shift` and
+// beta (1-r)^(beta-1) r for `stretch`. If beta is near or below 1, their maxima are at the rim, so r is
+// limited to 0.9. For a Gaussian kernel (beta = 0) the slopes are sqrt(r) exp(-r/2) and r exp(-r/2) / 2.
 double falloff_change(double beta, double shift, double stretch) {
   double move = std::exp(-0.5), grow = std::exp(-1.0);
   if (beta > 0) {
@@ -184,12 +191,13 @@ double falloff_change(double beta, double shift, double stretch) {
 }
 
 struct Difference {
-  double shift = 0, stretch = 0;  // relative to the ellipse (with its blur)
-  double distance = 0;            // of the means [world units]
+  double shift = 0, stretch = 0;  // relative to the size of the ellipse including the blur
+  double distance = 0;            // distance between the means [world units]
 };
 
-// Compares two slices after whitening with the covariance of `a` plus the blur. Computes |L^-1 d| and |L^-1
-// (B - A) L^-T| (Frobenius).
+// Compares two slices. d is the difference of their means, A and B are their covariances, and L L^T is A plus
+// the blur (the variance `blur` on the diagonal). `shift` is the length of L^-1 d, and `stretch` is the
+// Frobenius norm of L^-1 (B - A) L^-T.
 Difference compare(const Slice& a, const Slice& b, double blur) {
   double chol[3][3] = {}, middle[3][3], d[3];
   for (int r = 0; r < 3; ++r)
@@ -199,7 +207,7 @@ Difference compare(const Slice& a, const Slice& b, double blur) {
       for (int k = 0; k < c; ++k) sum -= chol[r][k] * chol[c][k];
       chol[r][c] = r == c ? std::sqrt(std::max(sum, 1e-9 * std::abs(diagonal) + 1e-300)) : sum / chol[c][c];
     }
-  const auto solve = [&](double* x) {  // in place: L^-1 x
+  const auto solve = [&](double* x) {  // replaces x by L^-1 x
     for (int r = 0; r < 3; ++r) {
       for (int k = 0; k < r; ++k) x[r] -= chol[r][k] * x[k];
       x[r] /= chol[r][r];
@@ -244,7 +252,8 @@ DimensionEffect effect_of(const std::vector<Seen>& before, const std::vector<See
     effect.shift_px = std::max(effect.shift_px, px * difference.distance);
     const double alpha = std::abs(a.opacity - b.opacity) +
                          a.opacity * falloff_change(beta, difference.shift, difference.stretch);
-    // weight / opacity is the transmittance in front of the splat, if its centre is at the centre of a pixel.
+    // If the centre of the splat is at the centre of a pixel, the transmittance in front of the splat is its
+    // weight divided by its opacity.
     const double in_front = a.opacity > 0 ? std::min(1.0, before[v].weight / a.opacity) : 1.0;
     effect.change = std::max(effect.change, in_front * alpha);
   }
@@ -252,8 +261,8 @@ DimensionEffect effect_of(const std::vector<Seen>& before, const std::vector<See
   return effect;
 }
 
-// Fits opacity and mean as constants that are optimal on average over the views, each view weighted by the
-// splat's contribution to it.
+// Replaces the opacity and the mean of the splat by constants that fit the slices `before` best on average
+// over the views. Each view is weighted by the contribution of the splat to it.
 void fit_constants(SplatModel& splat, const std::vector<Seen>& before, const std::vector<Seen>& after) {
   const ParameterLayout l = splat.layout();
   double cross = 0, square = 0, sum = 0;
@@ -273,6 +282,7 @@ void fit_constants(SplatModel& splat, const std::vector<Seen>& before, const std
         static_cast<float>(splat.row(l.xyz + k)[0] + shift[static_cast<std::size_t>(k)] / sum);
 }
 
+// Returns a slice whose covariance is the weighted mean over the views. Its opacity and mean are not set.
 Slice mean_slice(const std::vector<Seen>& before) {
   Slice mean;
   double sum = 0;
@@ -337,7 +347,7 @@ std::vector<Replacement> replacements(const SplatModel& model, std::size_t splat
                                       double worst) {
   const SplatModel one = single_splat(model, splat);
   const bool known =
-      Slicer::knows(model.variant) && !model.variant.direct();  // marginal() needs a covariance
+      Slicer::knows(model.variant) && !model.variant.direct();  // marginal() requires a covariance
   std::vector<Replacement> out;
   std::vector<Seen> before;
   double beta = 0;

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Replacement is a splat that replaces one with more dimensions. The direction, or time and further values,
-// or all of these, no longer affect the new splat. Their effect is replaced by the constant that fits best
-// over the views in which the splat is visible.
+// Replacement describes a splat that replaces a splat with more dimensions. The new splat no longer depends
+// on some of the query values: on the direction, on the time and the further values, or on all of them. Its
+// opacity and mean are the constants that fit best over the views in which the original splat is visible.
 #pragma once
 
 #include <span>
@@ -17,12 +17,16 @@ namespace ubs::reduce {
 // exists (kernels/layout.h). For example, 7 can be reduced to 3, 4 and 6.
 std::vector<int> smaller_dims(int dim);
 
-// The effect that the removed dimensions have on a splat: ranges over the views that see it.
+// DimensionEffect describes the effect of the removed dimensions on a splat in the views in which it is
+// visible.
 struct DimensionEffect {
-  double opacity = 0;   // maximum - minimum factor of the conditioned opacity that the constant replaces
-  double shift_px = 0;  // maximum distance of the conditional mean from its replacement [px]
-  double change = 0;    // estimate of the maximum change of a pixel's blended weight
-  // The dimensions have no effect for any query, so the replacement renders bit-identical images.
+  // Opacity of the original splat in a view, divided by that of the replacement: maximum minus minimum of
+  // this ratio over the views.
+  double opacity = 0;
+  double shift_px = 0;  // maximum distance between the conditional mean and the mean of the replacement [px]
+  double change = 0;    // estimate of the maximum change of the blended weight of the splat in a pixel
+  // True if the removed dimensions have no effect for any query, so that the replacement renders
+  // bit-identical images.
   bool exact = false;
 };
 
@@ -32,17 +36,18 @@ struct Replacement {
   std::vector<float> values;  // raw parameters in the layout of `dim`; empty if the change is too large
 };
 
-// One splat as seen in the views: the cameras, and its maximum blended weight in each view (0: not visible).
+// SplatViews holds the cameras of the views, and the maximum blended weight of one splat in each view. The
+// weight is 0 if the splat is not visible in a view.
 struct SplatViews {
   std::span<const Camera> cameras;
   std::span<const float> weights;
   double eps2d = 0.3;  // blur of the renderer [px^2]
 };
 
-// Returns replacements for the entries of smaller_dims. An entry is left out if no view sees the splat and
-// the replacement is not exact. If the change is larger than `worst`, the values are not computed, because
-// that is the expensive part. The result is empty for variants that Slicer does not support, and for direct
-// conditioning, which has no covariance.
+// Returns one replacement for each number of dimensions in smaller_dims(). If the splat is not visible in any
+// view, only exact replacements are returned. Replacements that change a weight by more than `worst` have no
+// values, because computing the values takes long. The result is empty for variants that Slicer does not
+// support, and for direct conditioning, because splats with direct conditioning have no covariance.
 std::vector<Replacement> replacements(const SplatModel& model, std::size_t splat, const SplatViews& views,
                                       double worst);
 

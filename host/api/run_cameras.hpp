@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// Writes and reads the folder `cameras` of a run that refined its cameras. It contains a text model of COLMAP
-// and a transforms.json. Both describe the images as they were used in training (undistorted and reduced),
-// named SPLIT/VIEW.png. The training views have their refined cameras; the test views have the cameras that
-// fit the finished model best. An interrupted run has only the training views.
+// These functions write and read the folder `cameras` of a run that refined its cameras. The folder contains
+// a text model of COLMAP and a transforms.json. Both contain the cameras of the images as the training used
+// them (undistorted and reduced), and name the images SPLIT/VIEW.png. The cameras of the training views are
+// those that the run has refined; the cameras of the test views are those that fit the finished model best.
+// If a run was interrupted, the files contain only the training views.
 #pragma once
 
 #include <array>
@@ -20,18 +21,20 @@ struct RunCameras {
   std::span<const FittedCamera> cameras;  // one per view of the split
 };
 
-// The files that write_run_cameras() writes.
+// Names of the files that write_run_cameras() writes.
 inline constexpr std::array kRunCameraFiles{"cameras.txt", "images.txt", "points3D.txt", "transforms.json"};
 
-// `offset` is that of the cameras: world = local + offset.
+// Writes the files into `folder`, with world coordinates. A position in the world is a position of `splits`
+// plus `offset`.
 void write_run_cameras(const std::filesystem::path& folder, std::span<const RunCameras> splits,
                        const std::array<double, 3>& offset);
 
-// Sets the cameras that the run found. Training views get the run's complete cameras; views of other splits
-// get only the intrinsics, because their given poses are used for evaluation. Views that the run did not have
-// are not changed.
+// Replaces the cameras of a split by those in the folder `folder` of a run. Training views get the poses and
+// the intrinsics of the run. Views of other splits get only the intrinsics, because they are evaluated at the
+// poses that the data state. Views that the run did not have are not changed.
 void use_run_cameras(const std::filesystem::path& folder, Split& split, const std::array<double, 3>& offset);
-// Returns the cameras that the run found for all views of a split; empty if one is missing.
+// Returns the cameras of the run for all views of a split. Returns an empty list if the camera of a view is
+// missing.
 std::vector<Camera> run_cameras(const std::filesystem::path& folder, const Split& split,
                                 const std::array<double, 3>& offset);
 

@@ -57,8 +57,10 @@ int join_run(Communicator& ranks, Checkpoint& run) {
     const std::vector<std::string> all = ranks.all_texts(own);
     for (std::size_t r = 1; r < all.size(); ++r)
       if (all[r] != all[0])
-        fail(ErrorKind::usage, "rank {} has {} than the first rank: all ranks of a job must have the same", r,
-             what);
+        fail(ErrorKind::usage,
+             "rank {} has {} than the first rank: start all ranks of a job with the same build, data and "
+             "settings",
+             r, what);
   }
   std::vector<std::string> devices;  // in the order of the ranks
   for (const std::string& device : ranks.all_texts(run.device))

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Checks whether a checkpoint can be resumed here so that the result is bit-identical to that of an
+// These functions check whether a resumed run will give a result that is bit-identical to that of an
 // uninterrupted run.
 #pragma once
 
@@ -11,22 +11,23 @@
 
 namespace ubs {
 
-// Returns the properties of a device that results depend on: name and driver, vector width and tuned
-// constants.
+// Returns a text with the properties of a device that results depend on: its name and driver, its vector
+// width, and its tuned kernel constants.
 std::string device_text(const DeviceInfo& info);
 
-// Returns a checkpoint of this run without its state. `data`: path, or a name; `data_print`: fingerprint() of
-// the training views as given by the data.
+// Returns a checkpoint that identifies this run and contains no training state. `data` is the path or the
+// name of the data, and `data_print` is the fingerprint() of the training views as they were read from the
+// data.
 Checkpoint identity(const TrainSettings& settings, std::string data, std::uint32_t data_print,
                     const Device& device);
 
-// Throws Error(data) if the results would differ from those of an uninterrupted run. Only warns if the build
-// differs.
+// Compares the checkpoint `before` with the resumed run `now`. Throws Error(data) if they have different
+// data, or different devices without `any_device`. If only the build differs, logs a warning.
 void check_same_run(const Checkpoint& before, const Checkpoint& now, bool any_device);
 
-// Compares what all ranks are about to train. Throws Error(usage) on all ranks if a rank has another build,
-// other data or other settings. Stores the devices of all ranks in `run` and returns the number of different
-// devices; warns if there are several.
+// Compares the runs of all ranks before the training. Throws Error(usage) on all ranks if a rank has another
+// build, other data or other settings. Stores the devices of all ranks in `run`, and returns the number of
+// different devices. Logs a warning if there are several.
 int join_run(Communicator& ranks, Checkpoint& run);
 
 }  // namespace ubs

@@ -10,28 +10,32 @@
 namespace ubs {
 namespace {
 
-constexpr double kFov = 0.87;
+constexpr double kFov = 0.87;      // default angle of view [rad]
 constexpr double kUnlevel = 1e-3;  // variance of the sine of the roll angle of a hand-held camera
-constexpr int kPowerSteps = 4;
-// Minimum ratio of the thicknesses of the two layers that scene_frame() compares to find a floor. Lego on its
-// plate has 5; a standing figure and a street have less than 2.
+constexpr int kPowerSteps = 4;     // iterations of the inverse power method in mean_up()
+// Minimum ratio of the thicknesses of the two layers that scene_frame() compares to find a floor. The ratio
+// is 5 for the scene lego, which stands on a plate, and less than 2 for a standing figure and for a street.
 constexpr double kFloorRatio = 3;
-// Without cameras: splats farther from the median than this multiple of the median distance are stray splats,
-// or the surroundings of the photographed object. A uniform ball needs 1.26; a figure with seven eighths of
-// its splats in its upper half needs 5.2.
+// If there are no cameras, splats whose distance from the median point is more than this multiple of the
+// median distance are ignored, because they are stray splats or surroundings of the photographed object. A
+// multiple of 1.26 includes all splats of a uniform ball, and 5.2 all splats of a figure that has seven
+// eighths of its splats in its upper half.
 constexpr double kBulk = 6;
-// Share of the opacity that must fit into the image, and the margin around it.
+// The image must show the share kShown of the opacity, and is larger than needed by the factor kMargin.
 constexpr double kShown = 0.995, kMargin = 1.05;
-// Widest gap between neighbouring cameras around a scene that counts as seen from all sides [rad]. Four
-// cameras on a circle are 90 degrees apart.
+// A scene counts as seen from all sides if the angle between neighbouring cameras around it is at most this
+// [rad]. It is a little more than 90 degrees, the angle between four cameras on a circle.
 constexpr double kWidestGap = 1.75;
-constexpr double kLeastSideways = 0.1;  // minimum sideways share of a camera's distance
-// Radius of the subject that the first view should show, as a multiple of the cameras' median distance from
+// A camera that is almost vertically above or below the centre is on no side of the scene. This is the
+// minimum horizontal distance of other cameras from the centre, relative to their distance.
+constexpr double kLeastSideways = 0.1;
+// Radius of the subject that the first view should show, relative to the median distance of the cameras from
 // the point that they look at.
 constexpr double kSubject = 0.6;
-constexpr double kSameView = 0.02;             // smaller differences of the visible share do not matter
-constexpr int kAzimuths = 12;                  // number of directions from which the scene must fit
-constexpr std::size_t kEnoughSplats = 100000;  // more splats do not change the medians visibly
+// Two cameras count as seeing the same amount if the visible shares of the subject differ by at most this.
+constexpr double kSameView = 0.02;
+constexpr int kAzimuths = 12;                  // number of sides from which the scene must fit into the image
+constexpr std::size_t kEnoughSplats = 100000;  // larger models are sampled to at most about this many splats
 
 struct Splat {
   Vec3 at;
@@ -52,6 +56,7 @@ std::vector<Splat> weighted_splats(const MixedModel& model) {
   return splats;
 }
 
+// Returns the q-quantile of the values of the splats, weighted by opacity.
 template <typename Value>
 double weighted(const std::vector<Splat>& splats, double q, Value value) {
   std::vector<std::pair<double, double>> pairs;
@@ -66,15 +71,16 @@ Vec3 mean_up(std::span<const Camera> cameras) {
   Vec3 up{};
   for (const Camera& c : cameras) up = up - camera_axis(c, 1);
   up = normalised(up, -1.0 * camera_axis(cameras[0], 1));
-  // A few unevenly placed cameras would tilt the mean. Most cameras are held level, so up is perpendicular to
-  // the right axes of all cameras: an eigenvector of the smallest eigenvalue. If all cameras look in the same
-  // direction, this is ambiguous and the mean decides.
+  // A few unevenly placed cameras would tilt the mean. Most cameras are held level, so the up direction is
+  // perpendicular to the right axes r of all cameras. It is therefore the eigenvector of the mean of r r^T
+  // that has the smallest eigenvalue. If all cameras look in the same direction, two eigenvalues are equally
+  // small; then the mean of the up axes, from which the iteration starts, determines the result.
   std::array<Vec3, 3> a{Vec3{kUnlevel, 0, 0}, Vec3{0, kUnlevel, 0}, Vec3{0, 0, kUnlevel}};
   for (const Camera& c : cameras) {
     const Vec3 right = camera_axis(c, 0);
     for (std::size_t r = 0; r < 3; ++r) a[r] = a[r] + right[r] / static_cast<double>(cameras.size()) * right;
   }
-  for (int k = 0; k < kPowerSteps; ++k)  // multiplies by the inverse, except for its determinant
+  for (int k = 0; k < kPowerSteps; ++k)  // multiplies `up` by the inverse of `a` times its determinant
     up = normalised(up[0] * cross(a[1], a[2]) + up[1] * cross(a[2], a[0]) + up[2] * cross(a[0], a[1]), up);
   return up;
 }
@@ -88,6 +94,7 @@ Pose mean_pose(std::span<const Camera> cameras) {
   return look_at(position, position + normalised(forward, camera_axis(cameras[0], 2)), mean_up(cameras));
 }
 
+// Returns the radius, perpendicular to the view direction, within which three quarters of the cameras are.
 double mean_spread(std::span<const Camera> cameras, const Pose& mean) {
   std::vector<std::pair<double, double>> distances;
   for (const Camera& c : cameras) {
@@ -111,7 +118,8 @@ double focus_depth(const std::vector<Splat>& splats, const Pose& pose, double ot
   return depth > 0 ? depth : otherwise;
 }
 
-// Returns typical values of the queries after time, for the group that has the most of them.
+// Returns typical values of the query dimensions that follow the time: the medians of the means of the
+// splats, weighted by opacity. Uses the group of splats that has the most query dimensions.
 std::vector<double> typical_extra(const MixedModel& model) {
   std::vector<double> extra;
   for (const SplatModel& group : model.groups) {
@@ -136,7 +144,7 @@ Vec3 median_point(const std::vector<Splat>& splats) {
   return middle;
 }
 
-// Returns the splats that the first view of a model should show.
+// Returns the splats that the first view of a model without cameras should show.
 std::vector<Splat> bulk_of(const std::vector<Splat>& splats) {
   const Vec3 middle = median_point(splats);
   const double half = weighted(splats, 0.5, [&](const Splat& s) { return length(s.at - middle); });
@@ -146,7 +154,8 @@ std::vector<Splat> bulk_of(const std::vector<Splat>& splats) {
   return bulk;
 }
 
-// Returns the point halfway between the ends along each axis; a median would be nearer to the denser end.
+// Returns the middle of the box that contains almost all splats. Unlike this point, a median would be nearer
+// to the end of the scene that has more splats.
 Vec3 middle_of(const std::vector<Splat>& splats) {
   Vec3 middle{};
   for (std::size_t k = 0; k < 3; ++k) {
@@ -156,9 +165,9 @@ Vec3 middle_of(const std::vector<Splat>& splats) {
   return middle;
 }
 
-// Returns the distance from which the splats fit into the image from all sides, at the frame's elevation. If
-// a camera in the centre sees a splat at (x, y, z), a camera moved back by d sees it inside of its image if
-// |x|, |y| <= (z + d) tan(fov / 2).
+// Returns the distance from the centre at which images from all sides, at the elevation of the frame, show
+// the splats. If a splat has the coordinates (x, y, z) relative to a camera in the centre, the image of a
+// camera that is moved back by d shows the splat if |x| and |y| are at most (z + d) tan(fov / 2).
 double showing_distance(const std::vector<Splat>& splats, const SceneFrame& frame, double fov) {
   const double slope = std::tan(fov / 2) / kMargin;
   const Vec3 side = perpendicular(frame.up), other = cross(frame.up, side);
@@ -178,6 +187,8 @@ double showing_distance(const std::vector<Splat>& splats, const SceneFrame& fram
   return distance;
 }
 
+// Returns the direction along a coordinate axis that points away from the floor (see scene_frame), or
+// `otherwise` if there is no floor.
 Vec3 up_from_floor(const std::vector<Splat>& splats, const Vec3& otherwise) {
   double most = kFloorRatio;
   Vec3 up = otherwise;
@@ -195,8 +206,9 @@ Vec3 up_from_floor(const std::vector<Splat>& splats, const Vec3& otherwise) {
   return up;
 }
 
-// Returns whether the cameras are on all sides of the frame's centre: around the up axis, no two neighbours
-// are more than kWidestGap apart. Cameras above or below the centre have no side.
+// Returns whether the cameras are on all sides of the centre of the frame. This is the case if neighbouring
+// cameras are never more than kWidestGap apart around the up axis. Cameras that are almost vertically above
+// or below the centre are ignored.
 bool on_all_sides(const SceneFrame& frame, std::span<const Camera> cameras) {
   const Vec3 side = perpendicular(frame.up), other = cross(frame.up, side);
   std::vector<double> azimuths;
@@ -221,7 +233,7 @@ bool is_visible(const Vec3& at, const Camera& c) {
   return x >= 0 && x <= c.width && y >= 0 && y <= c.height;
 }
 
-// Returns the splats that the first view of the cameras should show.
+// Returns the splats of the subject (see start_camera).
 std::vector<Splat> subject_of(const MixedModel& model, std::span<const Camera> cameras) {
   std::vector<Splat> splats = weighted_splats(model);
   const std::optional<Vec3> meeting = cameras.size() > 1 ? meeting_point(cameras) : std::nullopt;
@@ -285,7 +297,7 @@ SceneFrame scene_frame(const MixedModel& model, std::span<const Camera> cameras,
   std::vector<Splat> splats = weighted_splats(model);
   if (splats.empty() && cameras.empty())
     fail(ErrorKind::data, "cannot place a camera: the model has no splats, and no data set was given");
-  // Stray splats would also spoil the estimate of the up direction.
+  // Stray splats are removed before the up direction is estimated, because they would distort it.
   if (cameras.empty()) splats = bulk_of(splats);
   const std::optional<Vec3> meeting = cameras.size() > 1 ? meeting_point(cameras) : std::nullopt;
   SceneFrame frame;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// This file implements the C interface for settings, which are accessed by name.
+// This file implements the C interface for settings. Programs get and set a setting by its name.
 #include "host/scene/settings.hpp"
 
 #include <algorithm>
@@ -13,7 +13,7 @@ bool is_form(std::string_view key) { return key == "dim" || variant_values(key);
 
 bool is_used(std::string_view key, unsigned uses) { return std::ranges::count(keys_used(uses), key) > 0; }
 
-// Returns whether a setting has an effect on what a function of the interface creates.
+// Returns whether a setting has an effect on objects that the C interface creates for this use.
 bool has_effect(std::string_view key, ubs_use use) {
   switch (use) {
     case UBS_USE_DATA:
@@ -22,10 +22,12 @@ bool has_effect(std::string_view key, ubs_use use) {
       return is_used(key, kOfDrawing) || is_form(key);
     case UBS_USE_RENDERER:
       return is_used(key, kOfKernels | kOfDrawing) || key == "raster";
-    case UBS_USE_TRAINER:  // the caller evaluates and saves; the data have been read
+    // A trainer ignores the settings that can be changed when a run is resumed, because the caller evaluates
+    // and saves, and because the data have been read already.
+    case UBS_USE_TRAINER:
       return !is_used(key, kFreeOnResume) || key == "eval_every" || key == "on_nan";
   }
-  fail(ErrorKind::usage, "use {} is unknown", static_cast<int>(use));
+  fail(ErrorKind::usage, "{} is not a value of ubs_use", static_cast<int>(use));
 }
 
 }  // namespace

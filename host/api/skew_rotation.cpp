@@ -1,8 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-// See skew_rotation.hpp. With K = R diag(s) and B(omega) = I + omega omega^T - [omega]_x, which is (1 +
-// |omega|^2) (I + A)^-1, the covariance has the required form if the rows of G = B K are orthogonal. The
-// Levenberg-Marquardt method minimises the three cosines between the rows, from several starting points. If
-// none of them reaches zero, the compromise with the smallest -ln det of the matrix of cosines is used.
+// This file implements skew_rotation.hpp. Let K = R diag(s), and let B(omega) = I + omega omega^T -
+// [omega]_x, which equals (1 + |omega|^2) (I + A)^-1. The covariance K K^T can be written as required, with
+// this omega, if the rows of G = B K are orthogonal. The Levenberg-Marquardt method minimises the three
+// cosines of the angles between the rows, from several starting points. If the cosines do not reach zero from
+// any of them, the function uses a compromise: the omega with the smallest -ln det C, where C is the matrix
+// of the cosines.
 #include "host/api/skew_rotation.hpp"
 
 #include <algorithm>
@@ -18,12 +20,12 @@ namespace {
 
 using Mat3 = std::array<Vec3, 3>;  // rows
 
-constexpr double kSolved = 1e-9;  // maximum cosine; far below the precision of float32
-constexpr int kRelabelled = 12;   // number of starts with relabelled axes, nearest rotation first
-constexpr int kRandom = 24;       // number of random starts after them
-constexpr int kIterations = 60;
-constexpr double kExactBarrier = 1e-12;
-constexpr std::size_t kCompromises = 10;  // number of best points from which a compromise is searched
+constexpr double kSolved = 1e-9;  // cosines up to this count as zero; far below the precision of float32
+constexpr int kRelabelled = 12;   // maximum number of starting points from relabelled_starts()
+constexpr int kRandom = 24;       // number of random starting points, which are tried after these
+constexpr int kIterations = 60;   // maximum number of Levenberg-Marquardt iterations per starting point
+constexpr double kExactBarrier = 1e-12;   // fits with a smaller barrier (see Misfit) count as exact
+constexpr std::size_t kCompromises = 10;  // number of starting points of the search for a compromise
 
 Mat3 product(const Mat3& a, const Mat3& b) {
   Mat3 c{};
@@ -42,6 +44,7 @@ Mat3 rotation_matrix(const std::array<double, 4>& q) {
 
 Mat3 cross_matrix(const Vec3& v) { return {{{0, -v[2], v[1]}, {v[2], 0, -v[0]}, {-v[1], v[0], 0}}}; }
 
+// Returns B(omega).
 Mat3 inverse_form(const Vec3& w) {
   Mat3 b = cross_matrix(w);
   for (std::size_t i = 0; i < 3; ++i)
@@ -84,7 +87,7 @@ Mat3 jacobian(const Mat3& k, const Vec3& w, const Mat3& g, const Vec3& r) {
   return j;
 }
 
-// Solves with Cramer's rule. Returns false for a singular matrix.
+// Solves m x = y with Cramer's rule. Returns false if `m` is singular.
 bool solve(const Mat3& m, const Vec3& y, Vec3& x) {
   const auto det = [](const Mat3& a) {
     return a[0][0] * (a[1][1] * a[2][2] - a[1][2] * a[2][1]) -
@@ -101,7 +104,7 @@ bool solve(const Mat3& m, const Vec3& y, Vec3& x) {
   return true;
 }
 
-// Improves omega and returns the largest remaining cosine.
+// Improves omega (`w`) with the Levenberg-Marquardt method and returns the largest remaining cosine.
 double minimise(const Mat3& k, Vec3& w) {
   double lambda = 1e-3;
   Mat3 g = product(inverse_form(w), k);
@@ -130,13 +133,15 @@ double minimise(const Mat3& k, Vec3& w) {
   return std::max({std::abs(r[0]), std::abs(r[1]), std::abs(r[2])});
 }
 
-// The remaining correlations between the axes, C, and the best scales for them. s_i^2 = D_ii /
-// sqrt((C^-1)_ii) (up to the common factor) balances errors in both directions: with D_ii alone the ellipsoid
-// would never be too thin, but could be arbitrarily thick; with 1 / (D^-1)_ii the opposite is true.
+// Misfit computes the error of an omega and the best scales for it. `r` contains the remaining cosines
+// between the rows of G. C is the matrix of these cosines, and D = G G^T. Apart from a common factor, the
+// scales are s_i^2 = D_ii / sqrt((C^-1)_ii). This balances two kinds of errors: with s_i^2 = D_ii, the
+// ellipsoid would never be too thin, but could be much too thick; with s_i^2 = 1 / (D^-1)_ii, it would never
+// be too thick, but could be much too thin.
 struct Misfit {
-  double barrier = std::numeric_limits<double>::infinity();  // -ln det C: 0 for an exact fit
-  double error = std::numeric_limits<double>::infinity();    // |W' W^-1 - I|
-  Vec3 shrink{1, 1, 1};                                      // factor on D_ii
+  double barrier = std::numeric_limits<double>::infinity();  // -ln det C, which is 0 for an exact fit
+  double error = std::numeric_limits<double>::infinity();    // SkewFactors::error
+  Vec3 shrink{1, 1, 1};                                      // factors by which the D_ii are multiplied
 
   explicit Misfit(const Vec3& r) {
     const double a = r[0], b = r[1], c = r[2];
@@ -159,14 +164,15 @@ struct Misfit {
 };
 
 double barrier_at(const Mat3& k, const Vec3& w) {
-  // A very large omega is numerically a degenerate plane: its scales are too small to be useful in float32.
+  // The scales that belong to a very large omega are too small to be useful in float32.
   if (!(dot(w, w) < 1e6)) return std::numeric_limits<double>::infinity();
   return Misfit(cosines(product(inverse_form(w), k))).barrier;
 }
 
-// Minimises the barrier with the simplex method of Nelder and Mead. A few covariances have no exact form. For
-// them the cosines have no zero, and minimising the squares of the cosines can end in points that are worse
-// than a balanced compromise.
+// Improves omega (`w`) by minimising the barrier (see Misfit) with the simplex method of Nelder and Mead, and
+// returns the barrier. This is needed for the few covariances that cannot be represented exactly. For them
+// the cosines do not reach zero, and minimising the squares of the cosines can give a worse result than
+// minimising the barrier.
 double minimise_barrier(const Mat3& k, Vec3& w) {
   struct Corner {
     double value;
@@ -212,7 +218,8 @@ double minimise_barrier(const Mat3& k, Vec3& w) {
   return best.value;
 }
 
-// Returns axis * tan(angle) of the rotations with relabelled axes, smallest angles first, below 85 degrees.
+// Relabels the axes of the rotation, that is, permutes them and changes their signs, in all ways that give a
+// rotation again. Returns axis * tan(angle) of those whose angle is below 85 degrees, smallest angles first.
 std::vector<Vec3> relabelled_starts(const Mat3& rotation) {
   struct Start {
     double cosine;
@@ -244,7 +251,7 @@ std::vector<Vec3> relabelled_starts(const Mat3& rotation) {
 }  // namespace
 
 SkewFactors fit_skew_rotation(const std::array<double, 4>& rotation, const std::array<double, 3>& scale) {
-  const double unit = *std::ranges::max_element(scale);  // so that the computation uses numbers around 1
+  const double unit = *std::ranges::max_element(scale);  // divides the scales, so that the largest one is 1
   const Mat3 matrix = rotation_matrix(rotation);
   Mat3 k = matrix;
   for (Vec3& row : k)

@@ -18,9 +18,9 @@ struct ubs_trainer {
   std::shared_ptr<ubs::facade::OpenDevice> open;
   std::shared_ptr<ubs::Dataset> set;
   ubs::TrainSettings settings;
-  ubs::Split train, test;    // lengths in the unit of training
-  ubs::LoadedModel about;    // offset of the trainer's models
-  ubs::Checkpoint identity;  // without the state
+  ubs::Split train, test;    // lengths are in the unit of training
+  ubs::LoadedModel about;    // without splats; holds the offset of the models that the trainer returns
+  ubs::Checkpoint identity;  // identifies the run; without the training state
   std::optional<ubs::Trainer> trainer;
   bool running = false;
 };
@@ -40,11 +40,11 @@ Split test_views(const Dataset& set, const TrainSettings& settings) {
   return test;
 }
 
-// Throws if a setting would change how the data are read. The data have been read already, so such a setting
-// would have no effect.
+// Throws Error(usage) if a setting of the trainer would read the data differently from the settings that the
+// data were opened with. The data have been read already, so such a setting would have no effect.
 void check_as_opened(TrainSettings settings, const ubs_data& data) {
   TrainSettings opened = data.settings;
-  opened.background.automatic = false;  // transparent pixels were composited on black
+  opened.background.automatic = false;  // an automatic background was black while the data were read
   const bool composited = std::ranges::any_of(data.set->splits, [](const Split& split) {
     return std::ranges::any_of(split.views, [](const View& v) { return v.has_image() && !v.opaque; });
   });
@@ -63,26 +63,27 @@ void check_as_opened(TrainSettings settings, const ubs_data& data) {
   }
 }
 
-// Returns a model of the caller in the unit of training.
+// Returns the initial model for the training: a model of the caller, converted to the unit of training.
+// Throws Error(usage) if it cannot be trained with these settings.
 SplatModel as_first(const LoadedModel& loaded, const std::array<double, 3>& offset,
                     const TrainSettings& settings) {
   const SplatModel& model = loaded.model.single("training");
   if (loaded.offset != offset) fail(ErrorKind::usage, "the model and the data have different world offsets");
   for (const float value : model.values)
     if (!std::isfinite(value)) fail(ErrorKind::usage, "the model contains values that are not finite");
-  check_initial(settings, model);  // before kernels are run with the model
+  check_initial(settings, model);  // must precede the first kernel that uses the model
   SplatModel first = model;
   scale_lengths(first, 1 / settings.unit);
   return first;
 }
 
-// Throws if a model does not fit into the memory that the trainer has allocated.
+// Throws Error(usage) if a model has more splats than the trainer has allocated memory for.
 void check_room(const ubs_trainer& t, std::size_t splats, const std::string& what) {
   const int room = t.trainer->drawn_settings().cap_max;
   if (splats > static_cast<std::size_t>(room))
     fail(ErrorKind::usage,
-         "{} has {} splats, but the trainer has room for {} (the larger of cap_max and the splats of the "
-         "initial model)",
+         "{} has {} splats, but the trainer has memory for {} (the larger of cap_max and the number of "
+         "splats of the initial model)",
          what, splats, room);
 }
 
@@ -110,7 +111,8 @@ ubs_step step_of(const ubs_trainer& t, const StepReport& report) {
   return step;
 }
 
-// Throws if the trainer is running: its step callback may read the trainer, but not change it.
+// Throws Error(usage) if the trainer is running, because its step callback may read the trainer but must not
+// change it.
 void not_while_running(const ubs_trainer& t) {
   if (t.running) fail(ErrorKind::usage, "the trainer is running: its step callback may only read it");
 }
@@ -121,6 +123,7 @@ void need_whole_state(const ubs_trainer& t, const char* action) {
          action);
 }
 
+// Sets a flag during its lifetime.
 struct Running {
   explicit Running(bool& flag) : flag_(flag) { flag_ = true; }
   ~Running() { flag_ = false; }

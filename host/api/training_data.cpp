@@ -24,17 +24,19 @@
 namespace ubs {
 namespace {
 
-// noise_lr for static scenes whose depth counts as 1. Relative to the scene, the noise of positions grows
-// with the square of the unit. The depth of published scenes is about 4, and their noise_lr is 1e6 =
-// kNoiseOfDepth / 4^2.
+// Setting noise_lr of static scenes if the unit is the depth of the scene. Relative to the size of the scene,
+// the noise of the positions grows with the square of the unit. The published value of noise_lr is 1e6. It
+// was chosen for scenes whose depth is about 4 units, so it corresponds to 4^2 * 1e6 if the unit is the
+// depth.
 constexpr double kNoiseOfDepth = 1.6e7;
 
-// Ratio of the brightness of images above which a training prints a hint. Cameras with a fixed exposure
-// reached 1.03, and exposures that differ by up to 0.8 stops from the mean 1.17 to 1.36
-// (docs/results/2026-11-28-uneven-exposure.md).
+// Ratio of the brightness of images above which the training logs a warning. In measurements, the ratio was
+// at most 1.03 for cameras with a fixed exposure, and 1.17 to 1.36 if the exposures differed by up to 0.8
+// stops from their mean (docs/results/2026-11-28-uneven-exposure.md).
 constexpr double kUnevenBrightness = 1.1;
 
-// Returns at most `most` points, evenly chosen in their order, so that dense regions stay dense.
+// Returns at most `most` of the points, chosen at even intervals from the list, so that dense regions stay
+// dense.
 PointCloud thinned(PointCloud points, std::size_t most) {
   const std::size_t all = points.positions.size();
   if (all <= most) return points;
@@ -71,6 +73,7 @@ double median_pixels(const Split& train) {
   return median(std::move(pixels));
 }
 
+// Adds a note if cap_max reduces the number of initial points or splats.
 void note_cap(Dataset& data, const TrainSettings& settings) {
   const auto cap = static_cast<std::size_t>(settings.cap_max);
   if (data.points && data.points->positions.size() > cap) {
@@ -82,17 +85,19 @@ void note_cap(Dataset& data, const TrainSettings& settings) {
   }
 }
 
+// Properties of the pixels of the training images.
 struct Look {
-  // Almost all border pixels have the same colour, as in renderings of a single object.
+  // True if almost all pixels at the borders of the images have the same colour, which is typical of images
+  // that show a single object in front of a plain background.
   bool lone_object = false;
-  std::array<double, 3> mean_colour{};  // 0 to 1, rounded to two digits
+  std::array<double, 3> mean_colour{};  // 0 to 1, rounded to two decimal places
 };
 
-// Examines a few of the training images. Masked pixels do not count.
+// Determines these properties from a few of the training images. Ignores pixels whose mask is 0.
 Look look_at(const Split& train) {
   constexpr std::size_t kPictures = 8;
-  constexpr double kPlain = 0.9;
-  constexpr int kSame = 2;  // of 255
+  constexpr double kPlain = 0.9;  // minimum share of the border pixels that must have the same colour
+  constexpr int kSame = 2;        // maximum difference of equal colours, per channel, of 255
   std::array<std::uint8_t, 3> first{};
   std::array<double, 3> sum{};
   std::size_t same = 0, outermost = 0, all = 0;
@@ -124,15 +129,17 @@ InitialSpace space_for(const Split& train) {
   return initial_space(cameras_of(train), look_at(train).lone_object);
 }
 
-// Initial points are searched in one image per kPointsAnImage points, in at least kLeastCompared and at most
-// kMostCompared images (docs/results/2026-11-29-time-before-training.md).
+// Points are triangulated from one image for every kPointsAnImage points that are wanted (setting
+// find_points), but from at least kLeastCompared and at most kMostCompared images
+// (docs/results/2026-11-29-time-before-training.md).
 constexpr double kPointsAnImage = 600, kLeastCompared = 40, kMostCompared = 120;
 
-// Adds points that the images of a still scene show to those of the data, unless the user set the initial
-// splats (docs/results/2026-11-22-placed-points.md).
+// Triangulates points from the images of a static scene and adds them to the points of the data
+// (docs/results/2026-11-22-placed-points.md). Does nothing if the user has set init_extent, init_points or
+// find_points = 0.
 void place_points(Dataset& data, const Split& train, const TrainSettings& settings) {
   constexpr std::size_t kMinCorners = 500;
-  constexpr double kPixelsAPoint = 4;
+  constexpr double kPixelsAPoint = 4;  // pixels of an image per pixel that gets a depth, at least
   if (settings.init_extent != kAuto || settings.init_points != kAutoInt || settings.find_points == 0) return;
   const double wanted = settings.find_points;
   const auto images =
@@ -154,18 +161,19 @@ void place_points(Dataset& data, const Split& train, const TrainSettings& settin
                   found.corners, found.points.positions.size() - found.corners));
 }
 
+// Returns whether the scene counts as static: all views have the same time.
 bool still(const Split& train) {
   return std::ranges::all_of(train.views,
                              [&](const View& v) { return v.camera.time == train.views[0].camera.time; });
 }
 
-// Aligns cameras that will be refined, using corners in the images.
+// Aligns the cameras before they are refined in the training, using keypoints in the images.
 void align(Dataset& data, Split& train) {
   require_images(train);
   const Alignment found = align_cameras(train.views);
   if (train.views.size() > kMaxAlignedViews)
     data.report.note(
-        fmt::format("{} cameras are not aligned before training, because at most {} can be aligned",
+        fmt::format("none of the {} cameras is aligned before training, because at most {} can be aligned",
                     train.views.size(), kMaxAlignedViews));
   if (found.aligned == 0) return;
   for (const auto& views : views_by_image(train.views)) {
@@ -181,7 +189,7 @@ void align(Dataset& data, Split& train) {
                   found.aligned, train.views.size(), found.points, found.after, found.before));
 }
 
-// Returns the depth d of docs/method.md 4.4.
+// Returns the depth of the scene, which docs/method.md defines in section 4.4.
 double typical_depth(const Dataset& data, const Split& train) {
   const std::vector<Camera> cameras = cameras_of(train);
   if (const auto depth = data.points ? median_depth(cameras, *data.points) : std::nullopt) return *depth;
@@ -203,9 +211,11 @@ void choose_unit(Dataset& data, const Split& train, TrainSettings& settings) {
       if (settings.noise_lr == kAuto && !has_time(settings.dim)) settings.noise_lr = kNoiseOfDepth;
     }
   } else if (settings.unit != 1 && !free) {
-    fail(ErrorKind::usage, "cov_param = skew_nd is trained in the unit of the data: choose unit = 1");
+    fail(ErrorKind::usage,
+         "cov_param = skew_nd can only be trained in the unit of the data: choose unit = 1");
   }
-  validate(settings);  // also checks near and far plane, which are lengths of the data
+  // Checks the near and the far plane again, because their automatic values depend on the unit.
+  validate(settings);
 }
 
 bool has_wide_images(const Split& train) {
@@ -237,7 +247,7 @@ void settle_background(Dataset& data, const Split& train, TrainSettings& setting
                                                 : ""));
 }
 
-// Adds a note about where the splats start.
+// Adds a note about the initial positions of the splats, for data without points.
 void describe_start(Dataset& data, const Split& train, const TrainSettings& settings) {
   std::string where = data.depth_bounds.size() == train.views.size()
                           ? "within the depth range given by the data"
@@ -250,8 +260,9 @@ void describe_start(Dataset& data, const Split& train, const TrainSettings& sett
 
 }  // namespace
 
-// Small images get fewer splats, because they cannot determine the positions of many. Images of 548 x 548
-// pixels and more get 100 000, as published.
+// The number of random splats is a third of the number of pixels of an image, because small images cannot
+// determine the positions of many splats. It is at least 100 and at most 100 000. Images with 548 x 548 or
+// more pixels get 100 000 splats, which is the published number.
 int random_points(const Split& train, const TrainSettings& settings) {
   if (settings.init_points != kAutoInt) return settings.init_points;
   return static_cast<int>(std::clamp(median_pixels(train) / 3, 100.0, 1e5));
@@ -288,7 +299,8 @@ void settle_training(const Split& train, Dataset& data, TrainSettings& settings,
   if (settings.dim == kAutoInt) {
     const DimChoice choice = choose_dim(train.views);
     settings.dim = choice.dim;
-    // Improves the PSNR by 0.5 to 2.4 dB on five dynamic scenes (docs/results/2026-11-22-direct.md).
+    // Direct conditioning is better for dynamic scenes: it increased the PSNR of five of them by 0.5 to 2.4
+    // dB (docs/results/2026-11-22-direct.md).
     const bool direct =
         settings.conditioning_auto && has_time(choice.dim) && settings.variant == ModelVariant{};
     if (direct) settings.variant.conditioning = Conditioning::direct;
@@ -379,9 +391,11 @@ SplatModel initial_model(const Dataset& data, const Split& train, const TrainSet
     init.box = space.half;
     return initialise_random(s.dim, points, s.seed, init);
   }
-  constexpr std::size_t kViews = 256;  // their images are decoded
+  // Maximum number of views that random points are placed in, because the images of these views must be
+  // decoded.
+  constexpr std::size_t kViews = 256;
   const std::size_t step = train.views.size() / kViews + 1;
-  std::vector<View> some;  // copies with their pixels, used only if not all views are needed
+  std::vector<View> some;  // copies of every `step`-th view; empty if all views are used
   for (std::size_t v = 0; step > 1 && v < train.views.size(); v += step) some.push_back(train.views[v]);
   const std::span<const View> views = step > 1 ? some : train.views;
   const std::vector<std::array<double, 2>> bounds(views.size(), {space.near, space.far});

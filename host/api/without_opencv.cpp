@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// This file replaces functions in a build without OpenCV (UBS_OPENCV=OFF). Such a build can render views to
-// image files, but cannot write videos.
+// This file contains the functions of host/api/picture.hpp and of VideoWriter for builds without OpenCV
+// (UBS_OPENCV=OFF). They throw an error. Such a build can render views to image files, but cannot write
+// videos.
 #include "host/api/picture.hpp"
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"

@@ -10,10 +10,12 @@ namespace ubs {
 
 struct Background {
   enum class Learnt { no, colour, sky };
-  std::array<double, 3> colour{0, 0, 0};  // 0 to 1; for a sky the mean over all directions
-  std::vector<double> harmonics;  // 24 numbers of degree 1 and 2, by function and channel; empty: no sky
-  Learnt learnt = Learnt::no;     // whether it is trained, starting from `colour`
-  bool automatic = false;         // `colour` has not yet been chosen from the data
+  std::array<double, 3> colour{0, 0, 0};  // 0 to 1; the colour of a sky is its mean over all directions
+  // Coefficients of the spherical harmonics of degree 1 and 2 of a sky: 8 functions with 3 channels each.
+  // Empty if the background is a single colour.
+  std::vector<double> harmonics;
+  Learnt learnt = Learnt::no;  // whether the training optimises the colour or the sky, starting from `colour`
+  bool automatic = false;      // true as long as `colour` has yet to be chosen from the data
   bool operator==(const Background&) const = default;
 };
 inline constexpr std::size_t kSkyHarmonics = 24;

@@ -36,8 +36,8 @@ class ByteReader {
 
   void skip(std::size_t count) { take(count); }
 
-  // Reads the number of records that follow, each of which has at least `smallest` bytes. Fails if they
-  // cannot fit into the rest of the file, before any memory is allocated for them.
+  // Reads the number of records that follow. Each record has at least `smallest` bytes. Throws Error(data) if
+  // so many records cannot fit into the remaining bytes, so that the caller never allocates memory for them.
   template <typename T>
   std::size_t read_count(std::size_t smallest, const char* what) {
     const T count = read<T>();

@@ -24,8 +24,8 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// Size of the file for the check. The kernels of a training take 2.2 MiB with PoCL 3.1; a disk without space
-// for them counts as full.
+// Size of the file that is written to check whether a disk has enough space for compiled kernels. With PoCL
+// 3.1, the kernels of a training take 2.2 MiB.
 constexpr std::size_t kProbeBytes = std::size_t{4} << 20;
 
 std::string reason(int code) { return std::strerror(code); }
@@ -40,6 +40,7 @@ bool write_all(int file, const std::vector<char>& bytes) {
   return true;
 }
 
+// Returns why a file of this size cannot be written to the folder, or an empty string if it can.
 std::string write_defect(const fs::path& folder) {
   static std::atomic<unsigned> counter{0};
   const std::string file = (folder / fmt::format(".probe-{}-{}", ::getpid(), counter++)).string();
@@ -52,17 +53,19 @@ std::string write_defect(const fs::path& folder) {
   return why;
 }
 
-// The path is predictable and code is loaded from it, so the folder must be owned by this user with mode
-// 0700.
+// Returns why the folder cannot be used as a private cache, or an empty string if it can. Creates the folder
+// if it is missing. Other users can guess its path, and code is loaded from it, so this user must own the
+// folder, and its mode must be 0700.
 std::string private_defect(const fs::path& folder) {
   if (::mkdir(folder.c_str(), 0700) != 0 && errno != EEXIST) return reason(errno);
   struct stat status {};
   if (::lstat(folder.c_str(), &status) != 0) return reason(errno);
-  if (!S_ISDIR(status.st_mode)) return "is not a folder";
-  if (status.st_uid != ::geteuid() || (status.st_mode & 077) != 0) return "can be written by other users";
+  if (!S_ISDIR(status.st_mode)) return "it is not a folder";
+  if (status.st_uid != ::geteuid() || (status.st_mode & 077) != 0) return "other users can write to it";
   return cache_defect(folder);
 }
 
+// Returns why code in the folder cannot be executed, or an empty string if it can.
 std::string exec_defect(const fs::path& folder) {
   struct statvfs system {};
   const bool no_exec = ::statvfs(folder.c_str(), &system) == 0 && (system.f_flag & ST_NOEXEC) != 0;
@@ -70,8 +73,8 @@ std::string exec_defect(const fs::path& folder) {
 }
 
 std::recursive_mutex cache_mutex;
-std::map<fs::path, fs::path> usable;  // by wanted folder
-std::string defects;
+std::map<fs::path, fs::path> usable;  // results of usable_cache() by the wanted folder
+std::string defects;                  // result of cache_defects()
 
 void note(const std::string& defect) { defects += (defects.empty() ? "" : "; ") + defect; }
 
@@ -122,8 +125,8 @@ fs::path temporary_cache() {
 fs::path process_cache() {
   const std::lock_guard lock(cache_mutex);
   try {
-    static const TemporaryFolder folder;  // by mkdtemp: mode 0700, not shared with other users
-    // A nearly full disk does not matter here: the driver reports what it cannot write.
+    static const TemporaryFolder folder;  // mkdtemp() sets mode 0700, so other users have no access
+    // The free space is not checked here, because the driver reports files that it cannot write.
     const std::string defect = exec_defect(folder.path());
     if (defect.empty()) return folder.path();
     note(fmt::format("{}: {}", folder.path().string(), defect));

@@ -25,11 +25,11 @@ namespace {
 
 constexpr std::chrono::milliseconds kPollInterval{50};
 
-// Runs between fork and exec, so it makes only async-signal-safe calls. exec resets signal handlers to their
-// defaults.
+// Turns the new process into the program. This function runs between fork() and execv(), so it only calls
+// async-signal-safe functions. execv() resets signal handlers to their defaults.
 [[noreturn]] void become(char* const* arguments, int log, pid_t parent) {
   prctl(PR_SET_PDEATHSIG, SIGTERM);
-  if (getppid() != parent) _exit(127);  // the parent died before the line above
+  if (getppid() != parent) _exit(127);  // the parent has died before prctl()
   const int nothing = open("/dev/null", O_RDONLY);
   if (nothing < 0 || dup2(nothing, STDIN_FILENO) < 0 || dup2(log, STDOUT_FILENO) < 0 ||
       dup2(log, STDERR_FILENO) < 0)
@@ -38,8 +38,8 @@ constexpr std::chrono::milliseconds kPollInterval{50};
   _exit(127);
 }
 
-// Kills the child and waits for it, unless it has been waited for already, so that it does not keep running
-// if `stop` throws.
+// Collector kills the child process and waits for it, unless release() has been called. So the child does not
+// keep running if `stop` throws.
 class Collector {
  public:
   explicit Collector(pid_t child) : child_(child) {}
@@ -62,7 +62,8 @@ std::string command_text(const std::vector<std::string>& arguments) {
   return fmt::format("$ {}\n", fmt::join(words, " "));
 }
 
-// Failures are ignored, because the log is only for people and no result depends on it.
+// Writes the log file to the disk. Failures are ignored, because only users read the log, and no result
+// depends on it.
 void sync(const std::filesystem::path& log) {
   const int file = open(log.c_str(), O_RDONLY | O_CLOEXEC);
   if (file < 0) return;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Runs another program, such as COLMAP, as a child process.
+// run_child() runs another program, such as COLMAP, as a child process.
 #pragma once
 
 #include <filesystem>
@@ -10,19 +10,20 @@
 namespace ubs {
 
 struct ChildResult {
-  int code = 0;    // exit code, if it exited by itself
-  int signal = 0;  // signal that ended it, otherwise 0
+  int code = 0;    // exit code of the program, or 0 if a signal ended it
+  int signal = 0;  // number of the signal that ended the program, or 0 if it exited by itself
 };
 
-// Runs the program and waits for its end. Its standard output and error are appended to `log`, after a line
-// with the command; its standard input is empty. `stop` is called about every 50 ms, and the child is killed
-// if it returns true. The system sends the child SIGTERM when this process dies. Throws Error(internal) if no
-// process can be created.
+// Runs the program arguments[0] and waits until it ends. Replaces the file `log` by a file that contains the
+// command and then the standard output and the standard error of the program. The standard input is empty.
+// Calls `stop` about every 50 ms, and kills the program if `stop` returns true. If this process dies, the
+// operating system sends SIGTERM to the program. Throws Error(data) if the log cannot be written, and
+// Error(internal) if no process can be created.
 ChildResult run_child(const std::vector<std::string>& arguments, const std::filesystem::path& log,
                       const std::function<bool()>& stop);
 
-// Returns the path of an executable: `name` itself if it has a slash in it, otherwise the first one of that
-// name in a folder of PATH. Empty if there is none.
+// Returns the path of an executable, or an empty path if it is not found. If `name` contains a slash, it is
+// the path itself. Otherwise the folders of PATH are searched for an executable with this name.
 std::filesystem::path find_program(const std::string& name);
 
 }  // namespace ubs

@@ -6,7 +6,8 @@
 namespace ubs {
 
 std::uint32_t crc32(std::span<const std::byte> bytes, std::uint32_t before) {
-  if (bytes.empty()) return before;  // given a null pointer zlib returns the initial CRC
+  // The pointer of an empty span may be null, and for a null pointer zlib returns the initial CRC.
+  if (bytes.empty()) return before;
   return static_cast<std::uint32_t>(
       ::crc32_z(before, reinterpret_cast<const Bytef*>(bytes.data()), bytes.size()));
 }

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The CRC-32 of PNG, zip and Ethernet (polynomial 0xEDB88320, reflected). It detects every error burst of up
-// to 32 bits, and all other damage with a probability of 1 - 2^-32.
+// These functions compute the CRC-32 that PNG, zip and Ethernet use (polynomial 0xEDB88320, reflected). It
+// detects every error burst of up to 32 bits, and any other damage with a probability of 1 - 2^-32.
 #pragma once
 
 #include <cstddef>

@@ -12,11 +12,11 @@ inline std::string environment(const char* name) {
   return value ? value : "";
 }
 
-// Sets an environment variable of the process, replacing its value if it has one. The library itself never
-// sets any.
+// Type of a function that sets an environment variable of the process and replaces an existing value. Only
+// the executable passes such a function; the library never sets environment variables.
 using SetVariable = void (*)(const char* name, const char* value);
 
-// Returns whether a variable is switched on: it is set, not empty and not "0".
+// Returns whether an environment variable is set to a text that is neither empty nor "0".
 inline bool environment_flag(const char* name) {
   const std::string value = environment(name);
   return !value.empty() && value != "0";

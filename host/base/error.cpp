@@ -37,7 +37,7 @@ Error as_error(const std::exception& exception) {
   if (dynamic_cast<const std::bad_alloc*>(&exception))
     return {ErrorKind::memory,
             "out of memory: use fewer splats, smaller images (--downscale) or fewer views"};
-  // This should not happen: host/base/paths.hpp converts these exceptions.
+  // The functions of host/base/paths.hpp should have converted this exception already.
   if (const auto* error = dynamic_cast<const std::filesystem::filesystem_error*>(&exception))
     return {ErrorKind::data, fmt::format("{}: {}", error->path1().string(), error->code().message())};
   if (const auto* error = dynamic_cast<const std::system_error*>(&exception))

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Error is the only exception type of the project. Its kind determines the exit code of the command line tool
-// (see exit_code()). Its message is a single line that says what is wrong, where, and what to do about it.
+// Error is the exception type of the project. Its kind determines the exit code of the command line tool (see
+// exit_code()). Its message is a single line. It states the problem, the place, and what the user can do
+// about it.
 #pragma once
 
 #include <fmt/format.h>
@@ -17,11 +18,12 @@ enum class ErrorKind {
   device,     // no such device, driver failure                           exit 4
   build,      // kernel sources do not compile on this device             exit 5
   memory,     // predicted or actual lack of memory                       exit 6
-  numerical,  // a non-finite value that must not pass silently           exit 7
+  numerical,  // a value that is not finite                               exit 7
   faulty,     // a device that computes wrong results (docs/check.md)     exit 10
   internal,   // an error in ubs itself: please report it                 exit 1
 };
 
+// Returns the exit code of the command line tool for this kind of error.
 int exit_code(ErrorKind kind);
 
 class Error : public std::runtime_error {
@@ -38,7 +40,8 @@ template <typename... Args>
   throw Error(kind, fmt::format(format, std::forward<Args>(args)...));
 }
 
-// Returns an exception of any type as an Error with the kind that decides the exit code.
+// Converts an exception of any type to an Error. Exceptions that are not an Error get the kind that fits
+// them, for example ErrorKind::memory for std::bad_alloc.
 Error as_error(const std::exception& exception);
 
 }  // namespace ubs

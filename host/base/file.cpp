@@ -44,7 +44,7 @@ Container read_whole(const fs::path& path) {
   Container content(size, typename Container::value_type{});
   stream.read(reinterpret_cast<char*>(content.data()), static_cast<std::streamsize>(size));
   if (static_cast<std::size_t>(stream.gcount()) != size)
-    fail(ErrorKind::data, "{}: read {} of {} bytes", path.string(), stream.gcount(), size);
+    fail(ErrorKind::data, "{}: only {} of {} bytes could be read", path.string(), stream.gcount(), size);
   return content;
 }
 
@@ -59,7 +59,7 @@ constexpr std::size_t kBufferBytes = std::size_t{1} << 18;
 
 constexpr const char* kTemporary = ".ubs-tmp-";
 
-// Runs once per process and folder.
+// Removes abandoned temporary files from a folder when this process writes its first file to the folder.
 void tidy(const fs::path& folder) {
   static std::mutex mutex;
   static std::set<fs::path> known;
@@ -70,9 +70,10 @@ void tidy(const fs::path& folder) {
   remove_abandoned(folder);
 }
 
-// Creates a new file and locks it. Returns -1 and sets errno if this fails. The process number in the name
-// distinguishes processes, the counter distinguishes threads of one process, and O_EXCL distinguishes
-// processes on machines that share a disk.
+// Creates a new file and locks it. Returns -1 and sets errno if this fails. The file gets a name that no
+// other process or thread uses: the name contains the process number and a counter. If a process on another
+// machine that shares the disk has created a file of the same name, O_EXCL makes open() fail, and the next
+// name is tried.
 int open_temporary(const fs::path& folder, std::string_view suffix, fs::path& name) {
   static std::atomic<unsigned> counter{0};
   for (;;) {
@@ -82,9 +83,9 @@ int open_temporary(const fs::path& folder, std::string_view suffix, fs::path& na
     if (file < 0 && errno == EEXIST) continue;
     if (file < 0) return file;
     struct stat status {};
-    // Between open() and flock() another process may treat the file as abandoned and lock or delete it; then
-    // try another name. If flock() fails for another reason, the file system has no locks, and no process
-    // removes the file.
+    // Between open() and flock(), another process may treat the file as abandoned and lock or delete it. In
+    // this case the next name is tried. If flock() fails for another reason, the file system does not support
+    // locks, so no process can treat the file as abandoned.
     const bool held = ::flock(file, LOCK_EX | LOCK_NB) == 0;
     const bool taken = held ? ::fstat(file, &status) == 0 && status.st_nlink == 0 : errno == EWOULDBLOCK;
     if (taken) {
@@ -96,7 +97,7 @@ int open_temporary(const fs::path& folder, std::string_view suffix, fs::path& na
 }
 
 [[noreturn]] void fail_writing(const fs::path& path) {
-  fail(ErrorKind::data, "{}: writing failed: {} (disk full?)", path.string(), std::strerror(errno));
+  fail(ErrorKind::data, "{}: writing failed: {} (is the disk full?)", path.string(), std::strerror(errno));
 }
 
 void sync_or_fail(int file, const fs::path& path) {
@@ -106,7 +107,8 @@ void sync_or_fail(int file, const fs::path& path) {
 
 void rename_or_fail(const fs::path& from, const fs::path& to) {
   if (::rename(from.c_str(), to.c_str()) != 0)
-    fail(ErrorKind::data, "{}: cannot rename into place: {}", to.string(), std::strerror(errno));
+    fail(ErrorKind::data, "{}: cannot rename the temporary file to this name: {}", to.string(),
+         std::strerror(errno));
 }
 
 }  // namespace

@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// Reads whole files, and writes files so that no process ever sees an incomplete one: the data are written to
-// a temporary file in the same folder, which is then renamed to the final name. Every error message contains
-// the path.
+// These functions and classes read whole files, and write files so that other processes never see an
+// incomplete file. To this end, the data are written to a temporary file in the same folder, which is then
+// renamed to the final name. Every error message contains the path.
 //
-// When commit() returns, the results are on the disk: the file is synchronised before it is renamed, and its
-// folder afterwards. So after a power failure there is either the old file or the new one. If a file
-// exists then, all files that were written before it exist too.
+// When commit() returns, the file is on the disk, because the file is synchronised before it is renamed, and
+// its folder afterwards. Therefore either the old or the new file exists after a power failure. If the new
+// file exists, all files that were written before it exist too.
 #pragma once
 
 #include <cstddef>
@@ -19,28 +19,30 @@
 
 namespace ubs {
 
-// Opens an existing regular file and returns its size through `size` (folders open without error in
-// iostreams and only fail at the first read, so this checks first).
+// Opens an existing file and stores its size in `size`. Throws Error(data) for a folder, because
+// std::ifstream opens folders without an error.
 std::ifstream open_for_reading(const std::filesystem::path& path, std::size_t& size);
 
 std::vector<std::byte> read_file(const std::filesystem::path& path);
 std::string read_text_file(const std::filesystem::path& path);
 
-// Throws Error(data) if there is something of that name that is not an ordinary file (a folder, a symbolic
-// link, a device): a rename would replace the link or the device itself.
+// Throws Error(data) if `path` exists and is not an ordinary file, but for example a folder, a symbolic link
+// or a device. Renaming a temporary file to this path would replace the link or the device itself.
 void check_ordinary(const std::filesystem::path& path);
 
 enum class FileUse {
-  result,  // synchronised
-  // Not synchronised, because the file can be created again, and waiting for the disk could take longer than
-  // that. Readers must detect damage.
+  // commit() waits until the file is on the disk.
+  result,
+  // commit() does not wait for the disk. This is for files that can be created again, and often faster than
+  // they can be written to the disk. Their readers must detect damaged files.
   cache
 };
 
 // AtomicFile writes to the file ".ubs-tmp-<process>-<number><suffix>" next to `path`. commit() then renames
 // it, which replaces an existing file at `path`. Without commit(), the destructor removes the temporary file.
-// The temporary file is locked (flock) while it is written. So an unlocked one must be left over from a
-// killed process; such files are removed when a process writes its first file to the folder.
+// The temporary file is locked (flock) while it is written. Therefore a temporary file that is not locked
+// must be left over from a killed process. Such files are removed when a process writes its first file to the
+// folder.
 class AtomicFile {
  public:
   // Throws Error(data) if `path` is not an ordinary file, or cannot be written.
@@ -57,7 +59,7 @@ class AtomicFile {
   // Returns the name of the temporary file, for encoders that need a name, and for parts of the file that
   // other processes write.
   const std::filesystem::path& temporary() const { return temporary_; }
-  // Skips `bytes`, which another process writes to temporary() (PartOfFile).
+  // Skips the next `bytes` bytes of the file, which another process writes with PartOfFile.
   void skip(std::uint64_t bytes);
 
  private:
@@ -70,7 +72,8 @@ class AtomicFile {
   std::vector<std::byte> buffer_;
 };
 
-// PartOfFile writes a part of the temporary file of an AtomicFile that belongs to another process.
+// PartOfFile writes a part of a file for which another process has created an AtomicFile. `temporary` is the
+// name that AtomicFile::temporary() returns there.
 class PartOfFile {
  public:
   explicit PartOfFile(std::filesystem::path temporary);
@@ -90,7 +93,8 @@ void write_file_atomically(const std::filesystem::path& path, std::span<const st
 void write_file_atomically(const std::filesystem::path& path, std::string_view text,
                            FileUse use = FileUse::result);
 
-// Removes temporary files that killed processes have left in the folder: those that are not locked by flock.
+// Removes the temporary files that killed processes have left in the folder. These are the temporary files
+// that are not locked (flock).
 void remove_abandoned(const std::filesystem::path& folder);
 
 }  // namespace ubs

@@ -54,7 +54,8 @@ FolderLock::FolderLock(fs::path folder) : folder_(std::move(folder)), path_(fold
          folder_.string(), holder_in(path_));
 }
 
-// The holder removes the file when it releases the lock, so the opened file may just have lost its name.
+// The process that holds the lock removes the file when it releases the lock. So between open() and flock()
+// the file may have been removed, or replaced by a file of another process. A lock on such a file is useless.
 bool FolderLock::try_once() {
   const int file = ::open(path_.c_str(), O_RDWR | O_CREAT | O_NOFOLLOW | O_CLOEXEC, 0666);
   if (file < 0) fail(ErrorKind::data, "{}: cannot write: {}", path_.string(), std::strerror(errno));
@@ -71,7 +72,8 @@ bool FolderLock::try_once() {
   }
   file_ = file;
   const std::string text = this_holder() + "\n";
-  // The contents are only for people. The lock does not depend on them, so that a full disk does not matter.
+  // The text is only for error messages. The lock does not depend on it, so errors such as a full disk are
+  // ignored.
   if (::ftruncate(file, 0) != 0 || ::write(file, text.data(), text.size()) < 0) return true;
   return true;
 }
@@ -79,7 +81,7 @@ bool FolderLock::try_once() {
 FolderLock::~FolderLock() {
   if (file_ < 0) return;
   ::unlink(path_.c_str());
-  for (const fs::path& made : made_) ::rmdir(made.c_str());  // fails if it contains results
+  for (const fs::path& made : made_) ::rmdir(made.c_str());  // fails if the folder is not empty
   ::close(file_);
 }
 

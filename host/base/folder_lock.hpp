@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// FolderLock locks a folder of results against other processes that would write there. It locks the file
-// ".ubs-lock" in this folder. The file says which process has the lock. The system releases the lock when
-// that process ends.
+// FolderLock prevents two processes from writing their results to the same folder. It locks the file
+// ".ubs-lock" in this folder, which contains the number of the process that has the lock. The operating
+// system releases the lock when this process ends.
 #pragma once
 
 #include <filesystem>
@@ -11,16 +11,17 @@ namespace ubs {
 
 class FolderLock {
  public:
-  // Creates the folder and the folders above it if they are missing. The destructor removes those of them
-  // that are still empty. Throws Error(usage), naming the holder, if another process has the lock. On file
-  // systems without locks it prints a warning and does not lock.
+  // Creates the folder and the folders above it if they are missing, and locks it. Throws Error(usage) if
+  // another process has the lock; the message contains the number of this process. If the file system does
+  // not support locks, logs a warning and does not lock. The destructor releases the lock, and removes the
+  // folders that the constructor has created and that are still empty.
   explicit FolderLock(std::filesystem::path folder);
   ~FolderLock();
   FolderLock(const FolderLock&) = delete;
   FolderLock& operator=(const FolderLock&) = delete;
 
  private:
-  bool try_once();
+  bool try_once();  // returns whether this process now has the lock, or needs none
 
   std::filesystem::path folder_, path_;
   std::vector<std::filesystem::path> made_;  // folders that did not exist before, the innermost first

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// IndexRange is a range of indices: `first`, then every `step`-th one before `end`.
+// IndexRange is a range of indices. It consists of `first`, `first` + `step`, `first` + 2 `step`, and so on,
+// as long as they are below `end`.
 #pragma once
 
 #include <fmt/format.h>
@@ -16,8 +17,8 @@ struct IndexRange {
   bool operator==(const IndexRange&) const = default;
 };
 
-// Returns the text of a range as it is written in settings: "0:300:2", "10" for all from 10 on, or "" for all
-// indices.
+// Returns the range as text, in the syntax of settings: "FIRST:END:STEP", for example "0:300:2". The text is
+// "10" for all indices from 10 on, and empty for all indices.
 inline std::string to_string(const IndexRange& range) {
   if (range == IndexRange{}) return "";
   if (range.end == INT_MAX && range.step == 1) return fmt::format("{}", range.first);

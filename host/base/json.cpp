@@ -14,16 +14,17 @@ namespace {
 
 using Convert = std::string (*)(std::string_view);
 
-// Estimated memory per value. A value in an array takes 16 bytes; a member of an object takes 48 bytes and
-// its name. Vectors take twice that while they grow, and an object also has a map of its names while it is
-// read.
+// Estimated memory per value [bytes]. A value in an array takes 16 bytes, and a member of an object takes 48
+// bytes and its name. While a vector grows, it takes twice this memory, and while an object is read, a map of
+// its names is needed too.
 constexpr std::uint64_t kBytesAValue = 256;
-constexpr std::uint64_t kSmallJson = 16 << 20;  // bytes that every process has available
+// The available memory is only checked if parsing needs more than this [bytes].
+constexpr std::uint64_t kSmallJson = 16 << 20;
 
-// Builds the values that sax_parse reads, in time proportional to the text. The library's own builder
-// searches all members of an object for each further one, and with a callback it also searches all members of
-// the parent whenever a nested value ends. If several members have the same name, the last value is used, at
-// the position of the first.
+// JsonBuilder builds the values that Json::sax_parse reads, in time proportional to the length of the text.
+// The builder of the library nlohmann/json is slower: for each new member it searches all members of the
+// object, and with a callback it also searches all members of the parent whenever a nested value ends. If
+// several members have the same name, JsonBuilder uses the last value, at the position of the first.
 class JsonBuilder : public nlohmann::json_sax<Json> {
  public:
   JsonBuilder(const std::string& name, Convert convert) : name_(name), convert_(convert) {}
@@ -48,7 +49,7 @@ class JsonBuilder : public nlohmann::json_sax<Json> {
     auto& members = open_.back().members;
     Json object = Json::object();
     auto& to = object.get_ref<Json::object_t&>();
-    to.reserve(members.size());  // growing would copy everything below
+    to.reserve(members.size());  // because growing would copy all nested values
     for (auto& [key, value] : members) to.emplace_back(std::move(key), std::move(value));
     return close(std::move(object));
   }
@@ -97,9 +98,10 @@ class JsonBuilder : public nlohmann::json_sax<Json> {
   std::vector<Open> open_;
 };
 
-// Checks the size before parsing, because the library needs memory even to destroy a value. A text that may
-// need more memory than is available is rejected. The estimate counts the characters that precede values;
-// each value except the outermost one follows one of them.
+// Throws an error if a text is too long, or if parsing it may need more memory than is available. This must
+// be checked before parsing, because the library nlohmann/json needs memory even to destroy a value. The
+// number of values is estimated as the number of the characters ',', '[' and '{', because every value except
+// the outermost one follows one of them.
 void check_size(std::string_view text, const std::string& name) {
   if (text.size() > kLargestJson)
     fail(ErrorKind::data, "{}: the JSON has {} bytes, but at most {} are supported", name, text.size(),
@@ -122,7 +124,7 @@ Json with_encoded_strings(const Json& json) {
   Json result = json.is_array() ? Json::array() : Json::object();
   if (json.is_array()) {
     for (const Json& item : json) result.push_back(with_encoded_strings(item));
-  } else {  // different names have different codes, so there are no duplicates
+  } else {  // encode_text() gives different texts for different names, so there are no duplicates
     auto& members = result.get_ref<Json::object_t&>();
     members.reserve(json.size());
     for (const auto& [key, value] : json.items())

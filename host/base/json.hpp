@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Converts JSON to and from text, for files of ubs and of other programs.
+// These functions convert JSON to and from text. They are used for files of ubs and of other programs.
 #pragma once
 
 #include <nlohmann/json.hpp>
@@ -11,10 +11,11 @@ namespace ubs {
 // Members of objects keep the order in which they were written.
 using Json = nlohmann::ordered_json;
 
-// Maximum nesting depth. The library copies, compares and prints recursively, so that deep nesting would
-// overflow the stack.
+// Maximum nesting depth. The library nlohmann/json copies, compares and prints values recursively, so values
+// that are nested more deeply could overflow the stack.
 inline constexpr int kDeepestJson = 100;
-// Maximum size. 200 000 frames with everything that Nerfstudio writes for each of them take 200 MB.
+// Maximum size of a text [bytes]. For comparison, a file with 200 000 frames and all fields that Nerfstudio
+// writes has 200 MB.
 inline constexpr std::size_t kLargestJson = std::size_t{512} << 20;
 
 // Parses text in time proportional to its length. Throws Error(data) if the text is not JSON, or exceeds the
@@ -22,11 +23,13 @@ inline constexpr std::size_t kLargestJson = std::size_t{512} << 20;
 // start with `name`.
 Json parse_json(std::string_view text, const std::string& name);
 
-// Returns the text of JSON in files of ubs. Strings and names of members may contain paths and any other
-// bytes (text.hpp). Never throws because of the contents of a string.
+// Returns JSON as text for files of ubs. Strings and names of members may contain arbitrary bytes, for
+// example paths, because they are encoded with encode_text() (text.hpp). So no contents of a string cause an
+// exception.
 std::string json_text(const Json& json, int indent = -1);
 
-// Parses the output of json_text(). Throws like parse_json().
+// Parses a text that json_text() has written, and decodes its strings. Throws the same errors as
+// parse_json().
 Json parse_own_json(std::string_view text, const std::string& name);
 
 }  // namespace ubs

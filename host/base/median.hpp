@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The median of values in double precision.
+// median() computes the median of values in double precision.
 #pragma once
 
 #include <algorithm>

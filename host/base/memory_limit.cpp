@@ -23,17 +23,17 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr std::uint64_t kMebibyte = std::uint64_t{1} << 20;
-// Memory that a driver allocates later, in addition to large buffers and to the memory that the process uses
-// once the devices are listed. With PoCL 3.1 and LLVM 14 (x86-64, two cores) it is 206 MiB of private memory
-// while kernels for N = 7 are compiled (25 MiB if the kernels come from the cache), and 87 MiB of address
-// space.
+// Memory and address space that an OpenCL driver still allocates after the devices have been listed, in
+// addition to large buffers. They were measured with PoCL 3.1 and LLVM 14 (x86-64, two cores). While kernels
+// for N = 7 are compiled, the driver allocates 206 MiB of private memory, and 25 MiB if the kernels come from
+// the cache. It also needs 87 MiB of address space.
 constexpr std::uint64_t kDriverBytes = 240 * kMebibyte, kDriverAddresses = 128 * kMebibyte;
-// Address space that the driver needs for its libraries and threads. PoCL lists no device if 264 MiB of
-// address space are left, and lists its devices if 314 MiB are left.
+// Address space that an OpenCL driver needs for its libraries and threads. If 264 MiB of address space are
+// left, PoCL lists no device; if 314 MiB are left, it lists its devices.
 constexpr std::uint64_t kDriverLibraries = 320 * kMebibyte;
 
-// Returns the smallest limit of a group and the groups above it. A missing file, the word "max", and the
-// value that version 1 uses instead of it, 2^63 minus one page, mean that there is no limit. In a container,
+// Returns the smallest limit of a control group and of the groups above it. There is no limit if the file is
+// missing, or if it contains the word "max" or, in version 1, the number 2^63 minus one page. In a container,
 // the names of the groups may be those outside of the container. In this case, the root of the hierarchy in
 // the container is the group of the container.
 std::uint64_t least_limit(const fs::path& hierarchy, fs::path group, const char* file) {
@@ -46,6 +46,7 @@ std::uint64_t least_limit(const fs::path& hierarchy, fs::path group, const char*
   }
 }
 
+// Returns the private memory that this process occupies.
 std::uint64_t resident_bytes() {
   std::ifstream status("/proc/self/status");
   for (std::string word; status >> word;) {
@@ -55,7 +56,8 @@ std::uint64_t resident_bytes() {
   return 0;
 }
 
-// Returns a number of pages from /proc/self/statm: column 0 is the total, column 5 data and stack.
+// Returns a number of memory pages of this process from /proc/self/statm. Column 0 is the total number, and
+// column 5 is the number of pages for data and stack.
 std::uint64_t pages(std::size_t column) noexcept {
   char text[256] = {};
   const int file = ::open("/proc/self/statm", O_RDONLY | O_CLOEXEC);
@@ -86,9 +88,10 @@ MemoryRoom room_of(const ProcessLimit& which) noexcept {
   return {limit.rlim_cur, limit.rlim_cur > used ? limit.rlim_cur - used : 0, which.name};
 }
 
+// Returns from - taken, or 0 if this would be negative.
 std::uint64_t less(std::uint64_t from, std::uint64_t taken) { return from > taken ? from - taken : 0; }
 
-// Throws Error(memory) if the process cannot have so many further threads at the same time.
+// Throws Error(memory) if the process cannot create `count` further threads that run at the same time.
 void check_threads(unsigned count) {
   std::latch all(1);
   std::vector<std::jthread> threads;
@@ -106,7 +109,7 @@ void check_threads(unsigned count) {
 std::uint64_t memory_limit(const fs::path& root) {
   std::uint64_t least = kNoMemoryLimit;
   std::ifstream groups(root / "proc/self/cgroup");
-  for (std::string line; std::getline(groups, line);) {  // "number:controllers:/group"
+  for (std::string line; std::getline(groups, line);) {  // each line is "number:controllers:/group"
     const std::size_t first = line.find(':'), second = line.find(':', first + 1);
     if (second == std::string::npos) continue;
     const std::string controllers = fmt::format(",{},", line.substr(first + 1, second - first - 1));
@@ -157,8 +160,8 @@ void check_driver_fits() {
          "an OpenCL driver needs about {} MiB of address space, but the limit of {} MiB ({}) leaves only {} "
          "MiB: raise the limit",
          kDriverLibraries / kMebibyte, room.limit / kMebibyte, room.name, room.left / kMebibyte);
-  // PoCL has a thread for each core, and starts another process to link kernels. It ends the program if it
-  // cannot create a thread.
+  // PoCL creates a thread for each core, and starts another process to link kernels. If it cannot create a
+  // thread, it ends the program, so the number of threads is checked before.
   check_threads(std::thread::hardware_concurrency() + 1);
 }
 

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Determines how much memory this process may use if the system allows less than the machine has. Containers
-// and batch systems limit groups of processes, and kill processes that exceed the limit without a message.
-// `ulimit` limits the address space or the data of a process; allocations beyond that limit fail, also those
-// of drivers.
+// These functions determine how much memory this process may use, which can be less than the machine has.
+// Containers and batch systems limit the memory of a group of processes. If the group exceeds the limit, its
+// processes are killed without a message. `ulimit` limits the address space or the data of a process.
+// Allocations that exceed such a limit fail, including those of drivers.
 #pragma once
 
 #include <cstdint>
@@ -18,38 +18,39 @@ inline double gib(std::uint64_t bytes) { return mib(bytes) / 1024; }
 
 inline constexpr std::uint64_t kNoMemoryLimit = std::numeric_limits<std::uint64_t>::max();
 
-// Returns the smallest limit of the control groups (version 1 and 2) that the process belongs to [bytes], or
-// kNoMemoryLimit if there is none. root: root of the file system, for tests.
+// Returns the smallest memory limit [bytes] of the control groups (version 1 and 2) that the process belongs
+// to, or kNoMemoryLimit if there is none. `root` is the root of the file system; tests pass another folder.
 std::uint64_t memory_limit(const std::filesystem::path& root = "/");
 
-// The limit of the process itself (RLIMIT_AS, RLIMIT_DATA) that leaves the least memory, and how much it
+// MemoryRoom describes a limit of the process itself (RLIMIT_AS or RLIMIT_DATA), and the memory that it
 // leaves.
 struct MemoryRoom {
   std::uint64_t limit = kNoMemoryLimit, left = kNoMemoryLimit;     // bytes
-  const char* name = "no limit";                                   // "address space, ulimit -v"
+  const char* name = "no limit";                                   // for example "address space, ulimit -v"
   bool scarce() const { return left < std::uint64_t{128} << 20; }  // too little for a compiler
 };
-// Async-signal-safe.
+// Returns the limit of the process that leaves the least memory. This function is async-signal-safe.
 MemoryRoom process_memory() noexcept;
 
-// Returns how much memory all limits leave for the buffers of a device that uses system memory, once it is
-// open. The memory that the process already uses, and that the device's compiler needs, is subtracted.
+// Returns the memory [bytes] that all limits leave for the buffers of an open device that uses the memory of
+// the machine. The memory that the process already uses, and the memory that the compiler of the device
+// needs, are subtracted.
 std::uint64_t memory_left();
 
-// Returns how much memory the machine and all limits can provide without swapping, for data other than device
-// buffers.
+// Returns the memory [bytes] that is available for data other than device buffers: it is free on the machine
+// without swapping, and within all limits.
 std::uint64_t memory_available();
 
-// Throws Error(memory) if `bytes` exceeds memory_available(). The message starts with `what` and contains the
-// numbers. This function is for sizes that are read from a file.
+// Throws Error(memory) if `bytes` exceeds memory_available(). The message starts with `what` and contains
+// both numbers. Callers use this function for sizes that they read from a file, before they allocate memory.
 void require_memory(std::uint64_t bytes, const std::string& what);
 
-// Throws Error(memory) if the limits of the process leave too little memory, or too few threads, for an
+// Throws Error(memory) if the limits of the process leave too little address space or too few threads for an
 // OpenCL driver.
 void check_driver_fits();
 
-// Returns for example "; limits: control group 512 MiB, address space (ulimit -v) 900 MiB", or an empty
-// string without limits.
+// Returns a text with all limits that ends a message, for example "; limits: 512 MiB (control group), 900 MiB
+// (address space, ulimit -v)". Returns an empty text if there are no limits.
 std::string memory_limits_text();
 
 }  // namespace ubs

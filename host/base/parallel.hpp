@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// parallel_for() runs a loop over independent items on all cores. Each item must write only its own results,
-// so that the outcome does not depend on the number of threads. If several items fail, the exception of the
-// one with the lowest index is thrown.
+// parallel_for() calls function(0) to function(count - 1) on all cores. Each call must write only its own
+// results, so that the outcome does not depend on the number of threads. If several calls throw an exception,
+// the exception of the call with the lowest index is thrown again.
 #pragma once
 
 #include <algorithm>
@@ -27,7 +27,7 @@ void parallel_for(std::size_t count, const Function& function) {
     }
   };
   {
-    // At least two threads, so that reading files overlaps with decoding even if only one core is reported.
+    // At least two threads are used, so that reading files overlaps with decoding even on a single core.
     const std::size_t threads =
         std::min<std::size_t>(count, std::max(2u, std::thread::hardware_concurrency()));
     std::vector<std::jthread> workers;

@@ -99,7 +99,7 @@ void sync_folder(const fs::path& folder) {
   const int result = uninterrupted([&] { return ::fsync(opened); });
   const std::error_code error(result == 0 ? 0 : errno, std::generic_category());
   ::close(opened);
-  // Some file systems do not support this for folders; then there is nothing to wait for.
+  // Some file systems do not support fsync() for folders. Then this function cannot wait for the disk.
   if (error && error != std::errc::invalid_argument && error != std::errc::not_supported)
     refuse(folder, "cannot be written to the disk", error);
 }
@@ -131,7 +131,7 @@ std::string small_extension(const fs::path& file) {
 fs::path temporary_folder() {
   std::error_code error;
   fs::path result = fs::temp_directory_path(error);
-  check(error, result, "no folder for temporary files (TMPDIR)");
+  check(error, result, "cannot find a folder for temporary files (TMPDIR)");
   return result;
 }
 

@@ -1,15 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
-// Random numbers for synthetic scenes and for inputs of checks. ubs has its own generator, because the
-// results of the distributions in <random> depend on the standard library. Kernels and training use the
-// counter-based generator instead (philox.hpp).
+// Random generates random numbers for synthetic scenes and for inputs of checks. ubs has its own generator,
+// because the results of the distributions in <random> depend on the standard library. Kernels and training
+// use the counter-based generator of philox.hpp instead.
 #pragma once
 
 #include <cstdint>
 
 namespace ubs {
 
-// Random is the generator splitmix64. Sums and products are not contracted (-ffp-contract=off), so a seed
-// gives the same numbers on all machines.
+// Random uses the generator splitmix64. A seed gives the same numbers on all machines. For this reason, the
+// project is compiled with -ffp-contract=off, so that compilers do not merge multiplications and additions.
 class Random {
  public:
   explicit Random(std::uint64_t seed) : state_(seed) {}
@@ -24,7 +24,8 @@ class Random {
   double uniform(double low, double high) {
     return low + (high - low) * (static_cast<double>(bits() >> 11) * 0x1p-53);
   }
-  // Returns the sum of 12 uniforms minus 6: mean 0, standard deviation 1, and a magnitude of at most 6.
+  // Returns the sum of 12 uniform numbers minus 6. This approximates a normal distribution with mean 0 and
+  // standard deviation 1; the magnitude is at most 6.
   double normal() {
     double sum = -6;
     for (int i = 0; i < 12; ++i) sum += uniform(0, 1);

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Sampler decides how long to repeat a measurement, and Summary describes the result. Times on shared
-// machines have long upper tails: the median and the quartiles describe them, and the minimum shows what the
-// machine can do.
+// Sampler decides how often to repeat a measurement, and Summary describes the results. On shared machines, a
+// few of the measured times are much longer than the others. Therefore Summary contains the median and the
+// quartiles instead of the mean, and the minimum, which is the time on an otherwise idle machine.
 #pragma once
 
 #include <cstddef>
@@ -17,26 +17,29 @@ struct Summary {
   double median = 0, minimum = 0, lower_quartile = 0, upper_quartile = 0;
 
   double quartile_spread() const { return upper_quartile - lower_quartile; }
-  // Returns the standard error of the median, divided by the median. It is that of normal noise with this
-  // quartile spread: 1.2533 sigma / sqrt(n) with sigma = spread / 1.349.
+  // Returns the standard error of the median, divided by the median. It assumes that the noise is normal with
+  // the standard deviation sigma = quartile_spread() / 1.349. Then the standard error is 1.2533 sigma /
+  // sqrt(samples).
   double uncertainty() const;
 };
 
-// Computes quartiles by linear interpolation between order statistics. Without samples all results are zero.
+// Summarises the samples. Quartiles are interpolated linearly between neighbouring samples. Without samples,
+// all results are zero.
 Summary summarise(std::span<const double> samples);
 
 struct SamplingLimits {
-  double uncertainty = 0.01;  // stop when the median is known with this relative uncertainty
-  double min_seconds = 0.3;   // but not before this time and number of samples
-  double max_seconds = 2.0;   // stop after this time in any case, if there is a sample
-  std::size_t min_samples = 5;
+  double uncertainty = 0.01;    // stop when Summary::uncertainty() is at most this
+  double min_seconds = 0.3;     // do not stop before this time has passed
+  double max_seconds = 2.0;     // stop after this time in any case, if there is a sample
+  std::size_t min_samples = 5;  // do not stop with fewer samples before max_seconds have passed
 };
 
 class Sampler {
  public:
   explicit Sampler(const SamplingLimits& limits) : limits_(limits) {}
   void add(double value) { values_.push_back(value); }
-  bool enough() const;  // whether there are enough samples, or enough time has passed since construction
+  // Returns whether the measurement can stop. Time is measured since the construction of the sampler.
+  bool enough() const;
   Summary summary() const { return summarise(values_); }
 
  private:

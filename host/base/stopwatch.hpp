@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Stopwatch measures how long something takes.
+// Stopwatch measures the time since its construction or the last restart().
 #pragma once
 
 #include "host/base/time_source.hpp"

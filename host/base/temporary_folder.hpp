@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// TemporaryFolder is a folder in the system's temporary folder. It is removed together with the object.
+// TemporaryFolder creates a new folder in the folder of the system for temporary files. The destructor
+// removes it with all of its contents.
 #pragma once
 
 #include <stdlib.h>

@@ -15,7 +15,8 @@ int digit_of(char c) {
   return c >= 'a' && c <= 'f' ? c - 'a' + 10 : -1;
 }
 
-// Returns whether there is a code \xHH at `at`, with the lower-case digits that encode_text() writes.
+// Returns whether `text` contains an escape sequence \xHH at position `at`. HH are two hexadecimal digits in
+// lower case, as encode_text() writes them.
 bool is_escape(std::string_view text, std::size_t at) {
   return text.substr(at, 2) == "\\x" && at + 4 <= text.size() && digit_of(text[at + 2]) >= 0 &&
          digit_of(text[at + 3]) >= 0;
@@ -62,7 +63,7 @@ std::string shortened(std::string_view text) {
   if (text.size() <= kStart + kEnd + 100) return std::string(text);
   const auto inside = [&](std::size_t at) { return (static_cast<unsigned char>(text[at]) & 0xc0) == 0x80; };
   std::size_t first = kStart, last = text.size() - kEnd;
-  for (int i = 0; i < 3 && inside(first); ++i) --first;  // extend to whole UTF-8 characters
+  for (int i = 0; i < 3 && inside(first); ++i) --first;  // do not cut UTF-8 characters
   for (int i = 0; i < 3 && inside(last); ++i) ++last;
   return fmt::format("{} [... {} bytes ...] {}", text.substr(0, first), last - first, text.substr(last));
 }

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Converts arbitrary bytes to text and back. File names and paths are bytes: they need not be UTF-8 and may
-// contain line breaks, whereas JSON, YAML, HTML, CSV and PLY comments are lines of UTF-8. Everything that ubs
-// writes to files goes through encode_text(), and what it reads from its own files goes through
-// decode_text(), so that paths are preserved byte for byte.
+// These functions convert arbitrary bytes to text and back. File names and paths are arbitrary bytes: they
+// need not be UTF-8 and may contain line breaks. JSON, YAML, HTML, CSV and PLY comments, however, consist of
+// lines of UTF-8. Therefore ubs converts names with encode_text() before it writes them to a file, and with
+// decode_text() after it has read them from one of its own files. This preserves every byte of a path.
 #pragma once
 
 #include <cstddef>
@@ -15,21 +15,23 @@ namespace ubs {
 // surrogates and values above U+10FFFF are not accepted (Unicode, table 3-7).
 std::size_t utf8_length(std::string_view text, std::size_t at);
 
-// Returns valid UTF-8 without control characters: bytes that are not allowed become \xHH, and so does a
-// backslash that would read as the start of such a code. Text that contains none of these, which is nearly
-// all text, stays unchanged.
+// Returns valid UTF-8 without control characters. Bytes that are not valid UTF-8, and control characters, are
+// replaced by an escape sequence \xHH. A backslash that starts such a sequence in the original is escaped
+// too. Other text, which is almost every text, is not changed.
 std::string encode_text(std::string_view bytes);
 // Reverses encode_text(): decode_text(encode_text(b)) == b for all b.
 std::string decode_text(std::string_view text);
 
-// Returns a duration for people: "4.2 s", "48 s", "6 min 5 s", "35 min", "2 h 17 min".
+// Returns a duration as text for the user, for example "4.2 s", "48 s", "6 min 5 s", "35 min" or "2 h 17
+// min".
 std::string duration_text(double seconds);
 
-// Returns at most about 2000 bytes. Longer text is reduced to its start and end, with the number of omitted
-// bytes between them. This function is for messages that quote the contents of a file.
+// Returns the text, shortened to about 2000 bytes if it is longer. A shortened text consists of the start and
+// the end of the original, with the number of omitted bytes between them. This function is for messages that
+// quote the contents of a file.
 std::string shortened(std::string_view text);
 
-// Returns a word for a POSIX shell that stands for these bytes. It is quoted only if necessary.
+// Returns the bytes as one word of a POSIX shell command. The word is quoted only if necessary.
 std::string shell_word(std::string_view bytes);
 
 }  // namespace ubs

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// TimeSource tells how much time has passed. Code that decides something by the time takes a TimeSource, so
-// that tests can replace the clock of the machine by a simulated one and do not depend on its speed.
+// TimeSource measures time. Code whose decisions depend on time uses a TimeSource, so that tests can replace
+// the clock of the machine by a simulated clock and do not depend on the speed of the machine.
 #pragma once
 
 namespace ubs {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The vector arithmetic that camera poses need, for the arrays that Camera consists of.
+// These functions are the vector arithmetic for camera poses. They work on the array types that Camera uses.
 #pragma once
 
 #include <array>

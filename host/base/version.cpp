@@ -8,13 +8,14 @@
 #include <cstring>
 
 #ifndef UBS_VERSION
-#error "the build defines UBS_VERSION as the project's version"
+#error "UBS_VERSION is not defined: the build must define it as the version of the project"
 #endif
 
 namespace ubs {
 namespace {
 
-// Returns the build ID in the note NT_GNU_BUILD_ID of a mapped segment, or an empty string.
+// Returns the build ID from the note NT_GNU_BUILD_ID of a mapped segment, or an empty string if the segment
+// has no such note.
 std::string find_build_id(const char* at, std::size_t size) {
   const auto padded = [](std::size_t n) { return (n + 3) / 4 * 4; };
   while (size >= sizeof(ElfW(Nhdr))) {
@@ -40,6 +41,8 @@ struct Search {
   std::string id;
 };
 
+// Callback of dl_iterate_phdr(). If the object `info` contains the address, stores its build ID and ends the
+// iteration.
 int visit(dl_phdr_info* info, std::size_t, void* search_pointer) {
   Search& search = *static_cast<Search*>(search_pointer);
   bool holds = false;

@@ -1,14 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
-// Identifies this program (or the library) in results: the release, and a hash of its code that the linker
-// computes. The hash is independent of version control, and changes whenever any compiled code changes.
+// version() and build_id() identify this program, or the library, in results. The build ID is a hash of the
+// code that the linker computes. It changes whenever any compiled code changes, and does not depend on
+// version control.
 #pragma once
 
 #include <string>
 
 namespace ubs {
 
-extern const char* const kVersion;  // "0.2.0"
+extern const char* const kVersion;  // number of the release, for example "0.2.0"
 std::string version();
-std::string build_id();  // hexadecimal; "unknown" if linked without --build-id
+// Returns the build ID in hexadecimal digits, or "unknown" if the program was linked without --build-id.
+std::string build_id();
 
 }  // namespace ubs

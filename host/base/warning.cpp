@@ -35,7 +35,7 @@ void log_line(LogLevel level, const std::string& whole) noexcept {
       function(level, text);
     else if (level == LogLevel::warning)
       std::fputs(fmt::format("ubs: warning: {}\n", encode_text(text)).c_str(), stderr);
-  } catch (...) {  // a message that cannot be printed is not a reason to stop
+  } catch (...) {  // the program continues if a message cannot be printed
   }
 }
 

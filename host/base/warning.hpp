@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Messages of the library to the user, one line each. Warnings report that ubs continues without something
-// that is missing or does not work; notices announce work that takes time. They go to one function of the
-// process: that of the executable writes to stderr; programs that use the library set their own.
+// These functions send messages to the user, one line each. A warning reports that ubs continues although
+// something is missing or does not work; a notice announces work that takes time. All messages of a process
+// are passed to one function. The function of the executable writes them to stderr; programs that use the
+// library set their own function.
 #pragma once
 
 #include <fmt/format.h>
@@ -15,8 +16,8 @@ namespace ubs {
 enum class LogLevel { notice, warning };
 using LogFunction = std::function<void(LogLevel, const std::string&)>;
 
-// Sets the function. It is called by one thread at a time. With an empty function, warnings go to stderr as
-// "ubs: warning: TEXT", and notices are discarded.
+// Sets the function that receives all messages. Only one thread at a time calls it. If the function is empty,
+// warnings are written to stderr as "ubs: warning: TEXT", and notices are discarded.
 void set_log(LogFunction log);
 void log_line(LogLevel level, const std::string& text) noexcept;
 
@@ -25,7 +26,8 @@ void warn(fmt::format_string<Args...> format, Args&&... args) {
   log_line(LogLevel::warning, fmt::format(format, std::forward<Args>(args)...));
 }
 
-// Prints each text at most once per process, because devices are listed several times in a process.
+// Logs each text as a warning at most once per process. It is used for warnings about devices, because a
+// process lists its devices several times.
 void warn_once(const std::string& text);
 
 }  // namespace ubs

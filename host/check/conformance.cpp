@@ -13,14 +13,16 @@
 namespace ubs::check {
 namespace {
 
-// Bounds for relative 2-norms. They are not larger than those of tests/pipeline/oracle_comparison_test.cpp.
-// docs/check.md links to the largest errors seen and to the reasons for the margin.
+// Maximum relative errors (2-norms). They are not larger than those of
+// tests/pipeline/oracle_comparison_test.cpp. docs/check.md links to the largest errors that were measured,
+// and to the reasons for these bounds.
 constexpr double kProjection = 1e-4, kForward = 1e-5, kBackward = 1e-4, kProjectBackward = 1e-4,
                  kImage = 1e-4, kGradient = 1e-3;
 
 void append(Findings& all, Findings more) { std::ranges::move(more, std::back_inserter(all)); }
 
-// Adds the errors from StageRun::stage_errors, under the names that are displayed.
+// Adds a finding for each entry of StageRun::stage_errors(). `shown` maps the name of a stage to the name
+// that is displayed and to the bound for its errors.
 void add_stages(Findings& all, const std::vector<StageErrors>& stages) {
   const std::map<std::string, std::pair<const char*, double>> shown{
       {"project_forward", {"projection", kProjection}},
@@ -54,8 +56,8 @@ Finding check_gradient(StageRun& run, const FormVectors& e) {
   return worst.finding();
 }
 
-// Returns the number of values that are not bit-identical. A NaN therefore equals itself, and zeros of
-// different sign differ.
+// Returns the number of values that are not bit-identical. So a NaN counts as equal to the same NaN, and
+// zeros with different signs count as different.
 double differing(const std::vector<float>& a, const std::vector<float>& b) {
   double count = 0;
   for (std::size_t i = 0; i < a.size(); ++i)

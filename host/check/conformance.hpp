@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // examine() checks whether a device computes correct results. It runs the kernels of one variant on a small
-// synthetic scene: each stage alone on exact inputs, and all stages together. Results are compared with
-// float64 results that are embedded in the program (vectors.hpp), tile lists are compared word for word, and
-// a second run must be bit-identical.
+// synthetic scene: first each stage separately on exact inputs, then all stages together. The results are
+// compared with float64 results that are embedded in the program (vectors.hpp). Tile lists must be equal to
+// the expected ones, and a second run must give bit-identical results.
 #pragma once
 
 #include "host/check/finding.hpp"
@@ -10,11 +10,12 @@
 
 namespace ubs::check {
 
-// Returns one finding per stage, in the order of an iteration, for checked_config(subject.config). Throws the
-// errors of the device: Error(build) if the kernels do not build, Error(memory), Error(device).
+// Returns one finding per stage, in the order of the stages in an iteration. The kernels are configured with
+// checked_config(subject.config). Throws Error(build) if the kernels cannot be compiled, Error(memory) if the
+// device has too little memory, and Error(device) if the driver fails.
 Findings examine(Device& device, const Subject& subject);
 
-// Returns the first finding that does not hold, or null if all hold.
+// Returns the first finding whose error exceeds its bound, or null if there is none.
 const Finding* failure(const Findings& findings);
 
 }  // namespace ubs::check

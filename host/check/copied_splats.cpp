@@ -57,7 +57,7 @@ Copies judge_copies(const Population& before, const Population& after,
     return holds;
   };
   for (const std::uint32_t slot : written) {
-    // The value may not be an index, because a slot that was not written may contain anything.
+    // The value is only an index if the kernel has written the slot; otherwise it may be any number.
     const float origin = after.at(0, slot);
     if (!require(origin >= 0 && origin < static_cast<float>(before.count),
                  "is not a copy of an existing splat", slot))
@@ -71,12 +71,13 @@ Copies judge_copies(const Population& before, const Population& after,
     if (const auto source = copies.of_source.find(i); source != copies.of_source.end()) {
       const double expected = split_opacity(before.opacity(i), source->second + 1);
       const double error = std::abs(after.opacity(i) / expected - 1);
-      copies.opacity_error = error <= copies.opacity_error ? copies.opacity_error : error;  // a NaN is kept
+      // This form of the maximum also stores a NaN.
+      copies.opacity_error = error <= copies.opacity_error ? copies.opacity_error : error;
       require(moments_are(after, i, 0, 0), "was copied, but its moments were not reset", i);
       require(same_rows(before, i, after, i, false), "was copied, but its position or shape changed", i);
     } else if (std::ranges::find(written, i) == written.end()) {
       require(same_rows(before, i, after, i, true) && moments_are(after, i, kMoment1, kMoment2),
-              "changed, although it was not involved", i);
+              "changed, although it was neither moved nor copied", i);
     }
   }
   return copies;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// judge_copies() checks splats after relocation or growth: the moved and copied splats must be as method.md
-// 4.3 requires. Population holds the splats of such a test.
+// judge_copies() checks the splats after a relocation or a growth. The moved and copied splats must be as
+// docs/method.md requires in section 4.3. Population holds the splats of such a test.
 #pragma once
 
 #include <cstdint>
@@ -15,7 +15,8 @@ namespace ubs::check {
 // Population holds raw parameters and moments in rows of `stride` values. Row 0 of a splat contains its own
 // index, so that a copy shows which splat it was copied from.
 struct Population {
-  // All first moments are 1.5 and all second moments 2.5. Parameters differ between splats and between rows.
+  // Makes `count` splats. All first moments are 1.5, all second moments are 2.5, and all raw opacities are
+  // `raw_opacity`. The other parameters differ between splats and between rows.
   Population(const ParameterLayout& layout, std::uint32_t count, std::uint32_t capacity, float raw_opacity);
 
   std::size_t rows, opacity_row;
@@ -24,22 +25,23 @@ struct Population {
 
   float& at(std::size_t row, std::uint32_t i) { return params[row * stride + i]; }
   float at(std::size_t row, std::uint32_t i) const { return params[row * stride + i]; }
+  // Returns the index of the splat that splat i was copied from.
   std::uint32_t origin(std::uint32_t i) const { return static_cast<std::uint32_t>(at(0, i)); }
   double opacity(std::uint32_t i) const;
 };
 
-// Returns the opacity of each of `parts` equal splats that together absorb as much as one of `opacity`,
-// within the limits of method.md 4.3.
+// Returns the opacity that `parts` equal splats must have to absorb together as much as one splat with the
+// opacity `opacity`. The result is limited to the range that docs/method.md states in section 4.3.
 double split_opacity(double opacity, double parts);
 
 struct Copies {
-  std::string problem;       // the first problem that was found; empty: none
-  double opacity_error = 0;  // largest relative error of a source's new opacity
-  std::map<std::uint32_t, int> of_source;
+  std::string problem;       // the first problem that was found, or empty
+  double opacity_error = 0;  // largest relative error of the new opacity of a splat that was copied
+  std::map<std::uint32_t, int> of_source;  // number of copies by the index of the splat that was copied
 };
-// Checks that every slot in `written` is a complete copy of a splat, that this splat now has the opacity of
-// one of copies + 1 equal parts, and that the moments of all of them are 0. Everything else must be
-// unchanged.
+// Compares the splats before and after the operation. Each splat in `written` must be a complete copy of a
+// splat. If a splat has n copies, its opacity must now be split_opacity(opacity, n + 1). The moments of the
+// copies and of the splats that were copied must be 0. All other values must be unchanged.
 Copies judge_copies(const Population& before, const Population& after,
                     const std::vector<std::uint32_t>& written);
 

@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// This file embeds the output of ubs_check_vectors into the program. UBS_CHECK_VECTORS is the path of that
-// output.
+// This file embeds the file that ubs_check_vectors writes into the program. UBS_CHECK_VECTORS is the path of
+// this file.
 #include "host/check/vectors.hpp"
 
 #ifdef _WIN32
 #define UBS_READ_ONLY ".section .rdata,\"dr\"\n"
-#else  // hidden outside of the shared library, whose exported functions begin with ubs_
+#else  // without .hidden, the shared library would export these symbols, as it exports all names ubs_*
 #define UBS_READ_ONLY \
   ".hidden ubs_check_vectors_begin\n.hidden ubs_check_vectors_end\n.section .rodata,\"a\"\n"
 #endif

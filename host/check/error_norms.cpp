@@ -20,7 +20,8 @@ void ErrorSum::add(double value, double truth) {
 
 void ErrorSum::add(std::span<const float> values, std::span<const double> truth) {
   if (values.size() != truth.size())
-    fail(ErrorKind::internal, "{} values are compared with {} reference values", values.size(), truth.size());
+    fail(ErrorKind::internal, "cannot compare {} values with {} reference values", values.size(),
+         truth.size());
   for (std::size_t i = 0; i < values.size(); ++i) add(values[i], truth[i]);
 }
 
@@ -45,7 +46,7 @@ double without_worst_splats(std::span<const float> values, std::span<const doubl
   double norm = 0;
   for (std::size_t i = 0; i < values.size(); ++i) {
     const double difference = values[i] - truth[i];
-    // A splat with a value that is not finite must never be omitted.
+    // A splat with a value that is not finite must not be among the omitted splats.
     if (!std::isfinite(difference)) return std::numeric_limits<double>::infinity();
     by_splat[i % count] += difference * difference;
     norm += truth[i] * truth[i];

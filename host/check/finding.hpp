@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Finding is the result of a device check for one stage: an error and the largest error that is allowed.
+// Finding is the result of a device check for one stage. It contains an error and the largest error that is
+// allowed.
 #pragma once
 
 #include <string>
@@ -8,8 +9,8 @@
 namespace ubs::check {
 
 struct Finding {
-  std::string stage, quantity;  // quantity with the largest ratio of error to bound
-  double error = 0, bound = 0;  // `error` is infinite if a value is not finite
+  std::string stage, quantity;  // `quantity` is the one with the largest ratio of error to bound
+  double error = 0, bound = 0;  // `error` is infinite if a value is not finite; at most `bound` is allowed
   bool holds() const { return error <= bound; }
 };
 using Findings = std::vector<Finding>;

@@ -17,7 +17,7 @@ std::vector<Form> make_forms() {
                          .kernel = SpatialKernel::gaussian,
                          .colour = ColourMode::sh3,
                          .conditioning = Conditioning::direct};
-  const std::vector<Form> others{// Every value of a switch that has formulas of its own
+  const std::vector<Form> others{// Values of switches that select other formulas
                                  {6, {.rot_mode = RotMode::exp}},
                                  {6, {.cov_param = CovParam::cholesky}},
                                  {6, {.cov_param = CovParam::skew_nd}},
@@ -32,7 +32,7 @@ std::vector<Form> make_forms() {
                                  {6, {.colour = ColourMode::sh1}},
                                  {6, {}, true},
                                  {7, {}, true},
-                                 // Models of other methods: 3DGS, DBS, 6DGS
+                                 // Variants of the methods 3DGS, DBS and 6DGS
                                  {3, gs3},
                                  {3, {.rot_mode = RotMode::quaternion, .colour = ColourMode::sb2}},
                                  {6, gs6}};
@@ -40,6 +40,7 @@ std::vector<Form> make_forms() {
   return all;
 }
 
+// Returns the number of switches that have the same value in both forms.
 int agreeing(const Form& a, const Form& b) {
   const auto x = variant_numbers(a.variant), y = variant_numbers(b.variant);
   int count = a.query_grad == b.query_grad;
@@ -61,7 +62,7 @@ std::size_t nearest_form(const Form& form) {
     if (all[i].dim == form.dim && (best == all.size() || agreeing(all[i], form) > agreeing(all[best], form)))
       best = i;
   if (best == all.size())
-    fail(ErrorKind::internal, "there is no variant with N = {} that can be checked", form.dim);
+    fail(ErrorKind::internal, "the device check has no reference data for N = {}", form.dim);
   return best;
 }
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Form is a variant of the method together with N and query_grad. forms() lists the forms for which a build
-// contains vectors, which are the expected float64 results that devices are checked with.
+// A Form consists of a variant of the method, N and the setting query_grad. forms() lists the forms for which
+// a build contains the float64 results that devices are checked with (vectors.hpp).
 #pragma once
 
 #include <vector>
@@ -17,13 +17,14 @@ struct Form {
   bool operator==(const Form&) const = default;
 };
 
-// Returns the table of forms. To add a form, only a line in this table is needed; the build computes its
-// vectors.
+// Returns the table of forms. To add a form, add a line to this table; the build then computes the float64
+// results for the form.
 const std::vector<Form>& forms();
 
-// Returns the index in forms() of the form with which `form` is checked. This is `form` itself if it is in
-// the table. Otherwise it is the form of the same N in which the most switches agree, including query_grad;
-// among equals, it is the first in the table.
+// Returns the index in forms() of the form that is checked in place of `form`. If `form` is in the table,
+// this is `form` itself. Otherwise it is the form with the same N that has the same value as `form` for most
+// of the switches, including query_grad. If several forms have equally many, it is the first of them in the
+// table.
 std::size_t nearest_form(const Form& form);
 
 }  // namespace ubs::check

@@ -14,7 +14,8 @@ namespace {
 
 bool switched_off() { return environment("UBS_CHECK") == "off"; }
 
-// Checks on a separate device object, so that the check does not affect the device object of the command.
+// Checks the device and returns the verdict. Opens a separate Device for the check, so that the check does
+// not affect the Device of the command.
 Verdict check_now(std::size_t index, const Subject& subject) {
   Verdict verdict{form_text(checked_config(subject.config)), subject.parts};
   const std::unique_ptr<Device> device = open_device(index);
@@ -23,7 +24,8 @@ Verdict check_now(std::size_t index, const Subject& subject) {
   return verdict;
 }
 
-// Finds or creates the verdict. Throws Error(faulty) if the device computes wrong results.
+// Reads the stored verdict, or checks the device and stores the verdict. Throws Error(faulty) if the device
+// computes wrong results.
 void prove(const DeviceInfo& info, std::size_t index, const Subject& subject, const Gate& gate) {
   Verdicts verdicts(info, gate.build);
   std::optional<Verdict> verdict = verdicts.find(form_text(checked_config(subject.config)), subject.parts);
@@ -56,8 +58,8 @@ std::size_t choose_proved_device(const std::string& request, const Use& use, con
     try {
       prove_device(devices[index], index, use, gate);
     } catch (const Error& error) {
-      // Only these errors are a property of the device. A lack of memory may be temporary, and all other
-      // errors are caused by the command.
+      // Only errors of these three kinds are caused by the device. A lack of memory may be temporary, and
+      // errors of all other kinds are caused by the command.
       if (error.kind() != ErrorKind::faulty && error.kind() != ErrorKind::device &&
           error.kind() != ErrorKind::build)
         throw;

@@ -7,19 +7,20 @@
 namespace ubs::check {
 namespace {
 
-// docs/check.md links to the largest errors seen and to the reasons for the margin.
+// Maximum errors. docs/check.md links to the largest errors that were measured, and to the reasons for these
+// bounds.
 constexpr double kGradientBound = 1e-4;
-constexpr double kParameterBound = 4.4e-7, kMoment1Bound = 3.4e-7,
-                 kMoment2Bound = 3.6e-7;  // same as in tests/stages/optimiser_test.cpp
-// Errors of 9.5e-8 were seen on CPUs and 1.26e-7 on an H100. A card may compute exponentials and divisions
-// with an error of 3 ulp each.
+// The same bounds as in tests/stages/optimiser_test.cpp.
+constexpr double kParameterBound = 4.4e-7, kMoment1Bound = 3.4e-7, kMoment2Bound = 3.6e-7;
+// The largest errors that were measured are 9.5e-8 on CPUs and 1.26e-7 on an H100. The bound is larger,
+// because GPUs may compute exponentials and divisions with an error of 3 ulp each.
 constexpr double kPenaltyBound = 1e-6;
 
 struct State {
   std::vector<float> params, moment1, moment2;
 };
 
-// Steps holds the parameters and moments of a model on the device and runs optimiser steps on them.
+// Steps holds the parameters and moments of a model on the device, and runs optimiser steps on them.
 class Steps {
  public:
   Steps(Device& device, StageRun& run, const FormVectors& e)
@@ -79,12 +80,14 @@ class Steps {
   Buffer<float> moment1_, moment2_, v_params_, rates_;
 };
 
+// Place is the position of one parameter value of the model.
 struct Place {
   int row;
   std::size_t splat;
   std::size_t at, packed;  // index in rows of `stride` values, and in rows of `count` values
   std::size_t adam() const { return packed % kAdamCases; }  // the case of AdamVectors that is stored here
 };
+// Calls `f` with the Place of every parameter value.
 template <class F>
 void for_values(const ParameterLayout& layout, const SplatView& splats, const F& f) {
   for (int k = 0; k < layout.count; ++k)
@@ -97,13 +100,15 @@ bool is_scale(const ParameterLayout& layout, int row) {
   return row >= layout.scale && row < layout.scale + 3;
 }
 
-// Returns the gradient of the penalties for the model of `e`, or 0 for rows without a penalty.
+// Returns the expected gradient of the penalties for a parameter of the model of `e`. It is 0 for rows
+// without a penalty.
 double model_penalty(const ParameterLayout& layout, const Place& p, const FormVectors& e) {
   if (p.row == layout.opacity) return e.penalties[p.splat];
   if (!is_scale(layout, p.row)) return 0;
   return e.penalties[static_cast<std::size_t>(1 + p.row - layout.scale) * kSplats + p.splat];
 }
 
+// Returns the expected gradient of the penalties if the parameters are those of `cases`.
 double case_penalty(const ParameterLayout& layout, const Place& p, const AdamVectors& cases) {
   if (p.row == layout.opacity) return cases.opacity_penalty[p.adam()];
   return is_scale(layout, p.row) ? cases.scale_penalty[p.adam()] : 0;
@@ -119,8 +124,8 @@ void add_step(Worst& worst, const State& after, std::size_t at, double parameter
             kMoment2Bound);
 }
 
-// The gradient follows from the first moment: starting from moments of zero, a step leaves a tenth of the
-// gradient there.
+// Compares the gradient of a step with its expected value. The gradient is computed from the first moment,
+// because a step that starts with moments of zero sets the first moment to a tenth of the gradient.
 Finding check_step_gradient(const ParameterLayout& layout, const SplatView& splats, const State& after,
                             const FormVectors& e) {
   std::vector<float> found(e.truth.v_params.size());
@@ -146,7 +151,8 @@ Findings check_learning(Device& device, StageRun& run, const FormVectors& e) {
   steps.learn(1, true);
   const Finding gradient = check_step_gradient(layout, splats, steps.state(), e);
 
-  // The combined step must use the parameters of the model, because it projects the model again.
+  // For the step in one pass, only the moments are replaced by those of the test cases. Its parameters must
+  // be those of the model, because the step projects the model again.
   State moving = start;
   for_values(layout, splats, [&](const Place& p) {
     moving.moment1[p.at] = static_cast<float>(cases.moment1[p.adam()]);
@@ -161,7 +167,8 @@ Findings check_learning(Device& device, StageRun& run, const FormVectors& e) {
              cases.moment1_at_rest[p.adam()], cases.moment2_at_rest[p.adam()]);
   });
 
-  // The separate operations for penalties and Adam accept any parameters and gradients.
+  // The separate operations for penalties and Adam can use the parameters and gradients of the test cases
+  // too.
   State given = moving;
   std::vector<float> v(start.params.size(), 0.0f);
   for_values(layout, splats, [&](const Place& p) {

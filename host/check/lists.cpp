@@ -9,15 +9,18 @@
 namespace ubs::check {
 namespace {
 
-// Several full blocks of the scan and the sort (2048 or more elements each), and an incomplete one.
+// Number of splats in the lists. It is so large that the scan and the sort process several full blocks, which
+// have 2048 or more elements, and an incomplete block.
 constexpr std::uint32_t kListedSplats = 9001;
 
+// Returns the number of words that differ.
 double differing(const Words& found, const Words& expected) {
   double count = 0;
   for (std::size_t i = 0; i < expected.size(); ++i) count += found[i] != expected[i];
   return count;
 }
 
+// Buffers for the inputs and the outputs of the list operations.
 struct ListsOnDevice {
   ListsOnDevice(Device& device, const ListedSplats& splats, std::size_t room)
       : counts(device, "tile counts", splats.counts.size()),
@@ -36,7 +39,8 @@ struct ListsOnDevice {
   Buffer<std::uint64_t> totals;
 };
 
-// Checks lists. `bounded`: without waiting for the totals.
+// Checks the lists of the splats. If `bounded` is set, the lists are built in buffers of a given size,
+// without waiting for the number of intersections.
 Finding check(Device& device, Stages& stages, const ListedSplats& splats, const TileLists& expected,
               bool bounded) {
   const std::uint64_t pairs = expected.totals.intersections, room = bounded ? pairs + pairs / 3 : pairs;
@@ -44,7 +48,7 @@ Finding check(Device& device, Stages& stages, const ListedSplats& splats, const 
   CountLists count{splats.count(), on.counts.view(), on.keys.view(), on.offsets.view()};
   if (bounded) count.totals = on.totals.view(), count.room = room;
   ListTotals totals = stages.count_lists(count);
-  Worst worst(bounded ? "lists within a bound" : "lists");
+  Worst worst(bounded ? "lists of bounded size" : "lists");
   const ListTotals given = totals;
   if (bounded) {
     std::array<std::uint64_t, 2> counted{};
@@ -52,23 +56,23 @@ Finding check(Device& device, Stages& stages, const ListedSplats& splats, const 
     std::memcpy(counted.data(), read->wait().data(), sizeof counted);
     totals = {counted[0], counted[1]};
   }
-  worst.add("splats that are drawn",
+  worst.add("number of visible splats",
             static_cast<double>(std::max(totals.visible, expected.totals.visible) -
                                 std::min(totals.visible, expected.totals.visible)),
             0);
   worst.add(
-      "intersections",
+      "number of intersections",
       static_cast<double>(std::max(totals.intersections, pairs) - std::min(totals.intersections, pairs)), 0);
-  // Lists of a different length would not fit into the buffers.
+  // If the numbers are wrong, the lists are not built, because they might not fit into the buffers.
   if (!worst.finding().holds()) return worst.finding();
   stages.build_lists({splats.count(), given, splats.shape, on.keys.view(), on.rects.view(), on.offsets.view(),
                       on.ids.view(), on.slots.view(), on.ranges.view(), bounded});
   if (stages.config().backward) {
-    worst.add("words of prefix sums", differing(on.offsets.download(), expected.offsets), 0);
-    worst.add("slots in their order", differing(on.slots.download(), expected.slots), 0);
+    worst.add("wrong prefix sums", differing(on.offsets.download(), expected.offsets), 0);
+    worst.add("wrong slots", differing(on.slots.download(), expected.slots), 0);
   }
-  worst.add("tile ranges", differing(on.ranges.download(), expected.ranges), 0);
-  worst.add("splats in their order", differing(on.ids.download(), expected.ids), 0);
+  worst.add("wrong tile ranges", differing(on.ranges.download(), expected.ranges), 0);
+  worst.add("wrong splat indices", differing(on.ids.download(), expected.ids), 0);
   return worst.finding();
 }
 

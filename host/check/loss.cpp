@@ -6,14 +6,15 @@
 namespace ubs::check {
 namespace {
 
-// docs/check.md links to the largest errors seen and to the reasons for the margin.
+// Maximum errors. docs/check.md links to the largest errors that were measured, and to the reasons for these
+// bounds.
 constexpr double kValueBound = 1e-6, kImageGradientBound = 1e-5;
 
 void add_values(Worst& worst, const std::vector<float>& sums, const LossValues& expected) {
-  worst.add("mean difference", std::abs(sums[0] - expected.l1), kValueBound);
+  worst.add("mean absolute difference", std::abs(sums[0] - expected.l1), kValueBound);
   worst.add("SSIM", std::abs(sums[1] - expected.ssim), kValueBound);
   for (std::size_t c = 0; c < 3; ++c)
-    worst.add("squared difference", std::abs(sums[2 + c] - expected.mse[c]), kValueBound);
+    worst.add("mean squared difference", std::abs(sums[2 + c] - expected.mse[c]), kValueBound);
 }
 
 }  // namespace
@@ -47,7 +48,7 @@ Findings check_loss(Device& device, Stages& stages) {
           outside.add(found, 0);
       }
   gradient.add("image gradient", inside.errors().relative, kImageGradientBound);
-  gradient.add("image gradient outside of the image", outside.errors().absolute, 0);
+  gradient.add("gradient in the padding", outside.errors().absolute, 0);
   loss.v_image = {};
   loss.clamp = true;
   stages.image_loss(loss);

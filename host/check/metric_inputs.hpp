@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// This file creates the inputs for the image metrics in the device check and in the tests: pairs of random
-// images, as bytes and on a device in both layouts that metrics read, and random weights of small networks.
+// These functions create inputs for the image metrics, for the device check and for tests. The inputs are
+// pairs of random images, in host memory and on a device, and random weights of small networks.
 #pragma once
 
 #include <fmt/format.h>
@@ -25,8 +25,8 @@ inline std::vector<std::uint8_t> random_bytes(PlanarSize size, unsigned seed) {
   return bytes;
 }
 
-// Returns two images that resemble real ones: neighbouring pixels are similar, and the second image differs
-// slightly from the first.
+// Returns two images that resemble photographs in two respects: neighbouring pixels are similar, and the
+// second image differs only slightly from the first.
 inline std::array<std::vector<std::uint8_t>, 2> image_pair(PlanarSize size) {
   std::array<std::vector<std::uint8_t>, 2> pair{random_bytes(size, 1), {}};
   for (std::size_t i = 1; i < pair[0].size(); ++i)
@@ -38,12 +38,15 @@ inline std::array<std::vector<std::uint8_t>, 2> image_pair(PlanarSize size) {
   return pair;
 }
 
-struct Uploaded {  // one image as 8-bit data, the other as padded float planes
+// Uploaded holds the two images of a pair in the two layouts that metrics can read: `a` as 8-bit values, and
+// `b` as float planes with padding.
+struct Uploaded {
   Buffer<std::uint8_t> bytes;
   Buffer<float> values;
   DeviceImage a, b;
 };
 
+// Uploads a pair of images. The padding is NaN, so that a metric that reads the padding gives a wrong result.
 inline Uploaded upload(Device& device, const std::array<std::vector<std::uint8_t>, 2>& pair,
                        PlanarSize size) {
   const int pitch = size.width + 5, rows = size.height + 3;
@@ -60,7 +63,8 @@ inline Uploaded upload(Device& device, const std::array<std::vector<std::uint8_t
   return up;
 }
 
-// Returns weights for a network with few channels. About half of the features are positive after each ReLU.
+// Returns random weights for a network. The network gets few channels. The weights are such that after each
+// ReLU about half of the features are positive.
 inline TensorFile random_weights(const Network& network, unsigned seed) {
   TensorFile file{"random", {}};
   std::mt19937 generator(seed);
@@ -72,7 +76,7 @@ inline TensorFile random_weights(const Network& network, unsigned seed) {
     for (std::size_t i = 0; i < count; ++i) tensor.values.push_back(value(generator));
     file.tensors[name] = std::move(tensor);
   };
-  std::size_t channels = 3, next = 5;  // odd numbers, because nothing may depend on multiples of four
+  std::size_t channels = 3, next = 5;  // odd, because kernels must not rely on multiples of 4
   const auto convolution = [&](const std::string& name, std::size_t in, std::size_t out, std::size_t window) {
     const float limit = std::sqrt(6.0f / static_cast<float>(in * window * window));
     fill(name + ".weight", {out, in, window, window}, -limit, limit);

@@ -8,8 +8,8 @@
 
 namespace ubs::check {
 
-// Bounds and images are those of tests/metrics/metrics_test.cpp. The largest errors seen are 2.9e-7 and
-// 6.8e-8.
+// The bounds and the images are those of tests/metrics/metrics_test.cpp. The largest errors that were
+// measured are 2.9e-7 for LPIPS and 6.8e-8 for SSIM.
 Findings check_networks(Device& device) {
   const PlanarSize size{kMetricWidth, kMetricHeight};
   const Uploaded up = upload(device, image_pair(size), size);

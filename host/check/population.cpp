@@ -11,11 +11,13 @@
 namespace ubs::check {
 namespace {
 
-constexpr float kDead = -8;  // raw opacity
-// tests/stages/mcmc_test.cpp observed 2.4e-7. If exp, log and division have the error of 3 ulp that OpenCL
-// allows, it is 1.8e-6: raw opacities are as large as 5, and 3 ulp of a logarithm of that size are 1.4e-6.
+constexpr float kDead = -8;  // raw opacity of dead splats
+// Maximum relative error of opacities. The largest error in tests/stages/mcmc_test.cpp was 2.4e-7. But OpenCL
+// allows errors of 3 ulp for exp, log and division. Raw opacities are as large as 5, so an error of 3 ulp of
+// such a logarithm is 1.4e-6, and the total error can be 1.8e-6. The bound is twice that.
 constexpr double kOpacityBound = 3.6e-6;
-constexpr double kNoiseBound = 1.7e-5;  // as in tests/stages/mcmc_test.cpp; 8.5e-6 was observed
+// The same bound as in tests/stages/mcmc_test.cpp, where the largest error was 8.5e-6.
+constexpr double kNoiseBound = 1.7e-5;
 
 class PopulationOnDevice {
  public:
@@ -52,7 +54,7 @@ void add_copies(Worst& worst, const Population& before, const Population& after,
                 const std::vector<std::uint32_t>& written) {
   const Copies copies = judge_copies(before, after, written);
   if (!copies.problem.empty()) worst.add(copies.problem, std::numeric_limits<double>::infinity(), 0);
-  worst.add("opacity of equal parts", copies.opacity_error, kOpacityBound);
+  worst.add("opacity of copied splats", copies.opacity_error, kOpacityBound);
 }
 
 Finding check_relocation(Device& device, Stages& stages, const ParameterLayout& layout) {
@@ -66,7 +68,7 @@ Finding check_relocation(Device& device, Stages& stages, const ParameterLayout& 
   }
   PopulationOnDevice on(device, population);
   Worst worst("relocation");
-  worst.add("splats that were moved",
+  worst.add("number of moved splats",
             std::abs(static_cast<double>(on.relocate(stages)) - static_cast<double>(dead.size())), 0);
   add_copies(worst, population, on.download(), dead);
   return worst.finding();
@@ -83,8 +85,8 @@ Finding check_growth(Device& device, Stages& stages, const ParameterLayout& layo
   return worst.finding();
 }
 
-// Checks that sources are drawn with probability proportional to their opacity. The measure is chi-square
-// with 49 degrees of freedom.
+// Checks that relocation chooses the splats to copy (sources) with a probability proportional to their
+// opacity. The measure is chi-square with 49 degrees of freedom.
 Finding check_draw(Device& device, Stages& stages, const ParameterLayout& layout) {
   constexpr std::uint32_t kSources = 50, kDraws = 20000;
   Population population(layout, kSources + kDraws, kSources + kDraws, kDead);
@@ -104,8 +106,9 @@ Finding check_draw(Device& device, Stages& stages, const ParameterLayout& layout
     const double expected = kDraws * population.opacity(i) / total;
     chi_square += (drawn[i] - expected) * (drawn[i] - expected) / expected;
   }
-  Worst worst("draw of sources");
-  // Exceeded by chance once in 10^4 cases; the result is always the same for a seed.
+  Worst worst("choice of sources");
+  // A correct device exceeds this bound with a probability of 1e-4. As the seed is fixed, the result of a
+  // device is always the same.
   worst.add("chi-square", chi_square, 94);
   return worst.finding();
 }
@@ -127,7 +130,7 @@ Finding check_noise(Device& device, Stages& stages, const FormVectors& e) {
     }
     for (int r = 3; r < model.layout().count; ++r) moved += after.row(r)[i] != model.row(r)[i];
   }
-  worst.add("parameters that noise must not touch", moved, 0);
+  worst.add("parameters changed by noise", moved, 0);
   return worst.finding();
 }
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// This file declares the checks of single stages that have inputs of their own. Each runs the stages of a
-// device. Results are compared with the embedded float64 results, lists with a stable sort, and copied splats
-// with their sources.
+// This file declares checks of single stages. Each check runs a stage of a device with its own inputs. The
+// results are compared with the embedded float64 results, except that lists are compared with those of a
+// stable sort, and copied splats with the splats that they were copied from.
 #pragma once
 
 #include "host/check/finding.hpp"
@@ -10,13 +10,15 @@
 
 namespace ubs::check {
 
-// Checks tile lists of thousands of splats word for word: order, slots, ranges, prefix sums. If the stages
-// are for training, also checks lists that are built without waiting for their totals.
+// Checks tile lists of thousands of splats. The order, slots, ranges and prefix sums must be exactly the
+// expected ones. If the stages have a backward pass, also checks lists that are built without waiting for the
+// number of intersections.
 Findings check_lists(Device& device, Stages& stages);
-// Checks the loss and its gradient with an 8-bit target, and PSNR and SSIM of a clamped image.
+// Checks the loss and its gradient for an 8-bit target image, and PSNR and SSIM of a clamped image.
 Findings check_loss(Device& device, Stages& stages);
-// Checks the end of a training step, in one pass and as separate operations: gradient, penalties and Adam are
-// compared with double precision. Changes the model of the run.
+// Checks the end of a training step: the gradient of the parameters, the penalties and Adam. Checks both the
+// operation that does all of these in one pass, and the separate operations. The model of the run is
+// unchanged afterwards.
 Findings check_learning(Device& device, StageRun& run, const FormVectors& expected);
 // Checks relocation, growth and noise.
 Findings check_population(Device& device, Stages& stages, const FormVectors& expected);

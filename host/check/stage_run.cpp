@@ -23,6 +23,7 @@ void write(Device& device, const BufferView<T>& view, std::span<const T> values)
   device.write(*view.memory, 0, std::as_bytes(values));
 }
 
+// Fields describes a quantity in the record of a splat: `count` values from index `first` on.
 struct Fields {
   const char* name;
   std::size_t first, count;
@@ -133,8 +134,8 @@ StageErrors StageRun::projection_errors(const StageTruth& truth) {
   return out;
 }
 
-// The tiles of each splat are those that the device itself has computed, because they include a margin around
-// its footprint that the truth does not define.
+// Returns the errors of the lists and the rasteriser. The lists use the tiles of each splat that the device
+// has computed, because these tiles include a margin around the splat that StageTruth does not define.
 StageErrors StageRun::raster_forward_errors(const StageTruth& truth) {
   const std::vector<float> records = rounded(truth.records);
   write<float>(device_, stages_.last<ProjectForward>().records, records);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// StageRun runs one configuration of the kernels on one device and view: whole passes, single stages on the
-// buffers that a pass left, and single stages on exact inputs.
+// StageRun runs one configuration of the kernels on one device for one view. It can run whole passes, and
+// single stages either on the buffers that the last pass has written or on exact inputs.
 #pragma once
 
 #include <memory>
@@ -22,27 +22,30 @@ struct StageErrors {
 
 class StageRun {
  public:
-  // Uploads the model and runs one iteration, or only the forward pass if the configuration is forward-only.
-  // `problem` must outlive the object.
+  // Uploads the model and runs one iteration, or only the forward pass if the configuration has no backward
+  // pass. `problem` must outlive the object.
   StageRun(Device& device, const KernelConfig& config, const Problem& problem);
 
-  // Runs "forward", "iteration" (forward, loss, backward; no update), or a stage that stage_errors() reports.
-  // Returns when the device is idle.
+  // Runs the forward pass if `stage` is "forward", or an iteration without the update of the parameters
+  // (forward pass, loss, backward pass) if it is "iteration". Otherwise runs the stage with this name, which
+  // is one of the names in stage_errors(). Returns when the device is idle.
   void run(const std::string& stage);
 
-  std::vector<float> image() const;     // (3, height, width) of the last pass
-  std::vector<float> gradient() const;  // in the layout of the model
+  std::vector<float> image() const;     // image of the last pass (3, height, width)
+  std::vector<float> gradient() const;  // gradient of the last pass, in the layout of the model
   double loss() const;
-  // Returns the gradient for the given image gradient (3, height, width) instead of that of the loss.
+  // Returns the gradient of the parameters that belongs to the gradient `v_image` of the image (3, height,
+  // width).
   std::vector<float> gradient_of(std::span<const double> v_image);
 
-  // Runs each stage alone, with the exact results of the previous stages, rounded to float32, as input.
-  // Returns the errors of each stage. Lists are part of the forward rasteriser, and the sum over tiles is
-  // part of the backward rasteriser. Forward-only configurations have only projection and forward rasteriser.
-  // At the end a whole pass restores the buffers.
+  // Runs each stage separately and returns its errors. The input of a stage are the exact results of the
+  // previous stages, rounded to float32. The lists belong to the stage of the forward rasteriser, and the sum
+  // over tiles to the stage of the backward rasteriser. Configurations without a backward pass have only two
+  // stages: the projection and the forward rasteriser. Finally runs a whole pass, which restores the buffers.
   std::vector<StageErrors> stage_errors(const StageTruth& truth);
 
-  // Returns the end of a step with exact results of the previous stages as input, for Stages::learn.
+  // Writes the exact results of the previous stages to the input of the backward projection, and returns the
+  // arguments of this operation.
   ProjectBackward given_to_projection(const StageTruth& truth);
   Stages& stages() { return stages_.real(); }
   const DeviceModel& model() const { return model_; }

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Problem and StageTruth describe a view that is rendered and compared, and the float64 result of each stage.
-// The values come from the float64 reference: at build time for the device check (vectors.hpp), and at run
-// time for host/lab/accuracy.
+// Problem describes a view that is rendered and compared, and StageTruth contains the float64 result of each
+// stage. The float64 reference computes these results: for the device check when ubs is built (vectors.hpp),
+// and for host/lab/accuracy at run time.
 #pragma once
 
 #include <array>
@@ -15,17 +15,18 @@
 
 namespace ubs::check {
 
-// Problem is a view of a model with its target image. float32 and float64 get the same numbers.
+// Problem is a view of a model with its target image. The float32 and the float64 code get exactly the same
+// numbers.
 struct Problem {
-  SplatModel model;  // with its variant
+  SplatModel model;
   Camera camera;
   std::vector<float> target;  // (3, height, width)
   std::array<float, 3> background{};
   double near_plane = 0.01, far_plane = 1e10, eps2d = 0.3;
   LossWeights loss = loss_weights(0.2f);
   bool query_grad = false;
-  // For each pixel: 1 if it is not compared and has no gradient, because rounding decides its value. Empty:
-  // no such pixels.
+  // One value per pixel, or empty. It is 1 for pixels that are not compared and have no gradient, because
+  // their values depend on rounding.
   std::vector<std::uint8_t> undecided;
 };
 
@@ -34,13 +35,14 @@ struct Problem {
 // the input of the next one.
 struct StageTruth {
   std::vector<std::uint8_t> visible;  // one per splat
-  // Projected splats in the layout of kernels/layout.h (count, kSplatStride). Invisible splats are far away
-  // and have opacity 0.
+  // Projected splats in the layout of kernels/layout.h (count, kSplatStride). The records of invisible splats
+  // have a large distance and the opacity 0.
   std::vector<double> records;
-  std::vector<double> image;      // (3, height, width)
-  std::vector<double> v_image;    // d loss / d image
-  std::vector<double> v_records;  // in the layout of kernels/layout.h (count, kGradStride)
-  std::vector<double> v_params;   // in the layout of the model
+  std::vector<double> image;    // (3, height, width)
+  std::vector<double> v_image;  // d loss / d image
+  // d loss / d records, in the layout of kernels/layout.h (count, kGradStride)
+  std::vector<double> v_records;
+  std::vector<double> v_params;  // d loss / d parameters, in the layout of the model
   double loss = 0;
 };
 

@@ -11,12 +11,13 @@
 
 namespace ubs::check {
 
+// A Part is a group of kernels that some commands need and others do not.
 enum class Part {
   drawing,    // projection, lists, forward rasteriser
   loss,       // loss, PSNR, SSIM
   gradients,  // backward rasteriser, backward projection
-  learning,   // end of a training step, penalties, Adam, relocation, growth, noise
-  networks    // SSIM over whole windows, LPIPS; the same for all variants
+  learning,   // penalties, Adam, the training step in one pass, relocation, growth, noise
+  networks    // LPIPS, and SSIM over windows that are inside the image; the same for all variants
 };
 using Parts = std::vector<Part>;
 std::string to_string(Part part);
@@ -28,15 +29,16 @@ struct Subject {
   Parts parts;
 };
 
-// Returns the configuration that is checked for that of a command. Skipped work and approximations
-// (alpha_min, math, frozen groups) are switched off, because their effect on accuracy is measured separately
-// (docs/accuracy.md). Depth is not rendered. N and the switches become those of nearest_form(), because a
-// variant without float64 vectors in the build is checked with the nearest one.
+// Returns the configuration that is checked if a command uses `config`. alpha_min, math and frozen have their
+// default values, which skip no work and do not approximate, because docs/accuracy.md states the effect of
+// other values on the accuracy. Depth is not rendered. The variant and query_grad are those of
+// nearest_form(), because only the forms() have float64 results in the build.
 KernelConfig checked_config(KernelConfig config);
 
 Form form_of(const KernelConfig& config);
 
-// Returns a text such as "N = 6, vectors", followed by the settings that are not at their default.
+// Returns a text that identifies a configuration, for example "N = 6, vectors". It also lists the settings
+// that do not have their default values.
 std::string form_text(const KernelConfig& config);
 
 }  // namespace ubs::check

@@ -13,8 +13,8 @@ namespace {
 
 constexpr std::uint64_t kMagic = 0x31766b6863736275;  // "ubschkv1"
 
-// PackStream writes values. Large arrays are stored as float32; the bounds of the checks leave room for this
-// rounding.
+// PackStream writes the values of Vectors. Large arrays are stored as float32. The bounds of the checks are
+// larger than the rounding errors of this conversion.
 class PackStream {
  public:
   template <class T>
@@ -39,7 +39,7 @@ class PackStream {
   std::vector<std::byte> bytes_;
 };
 
-// UnpackStream reads the same values in the same order.
+// UnpackStream reads the values that PackStream has written, in the same order.
 class UnpackStream {
  public:
   explicit UnpackStream(std::span<const std::byte> bytes) : rest_(bytes) {}
@@ -155,7 +155,7 @@ void pass(Stream& s, Vectors& v) {
 
 }  // namespace
 
-// The format is the uncompressed length, followed by the zlib stream, which contains a checksum.
+// The packed format consists of the uncompressed length and a zlib stream, which contains a checksum.
 std::vector<std::byte> pack(const Vectors& vectors) {
   PackStream stream;
   Vectors copy = vectors;
@@ -167,8 +167,8 @@ std::vector<std::byte> pack(const Vectors& vectors) {
   const int result = compress2(reinterpret_cast<Bytef*>(out.data() + sizeof size), &length,
                                reinterpret_cast<const Bytef*>(stream.bytes().data()), size, 9);
   if (result != Z_OK)
-    fail(ErrorKind::internal,
-         "the reference data of the device check cannot be decompressed: zlib returned {}", result);
+    fail(ErrorKind::internal, "the reference data of the device check cannot be compressed: zlib returned {}",
+         result);
   out.resize(sizeof size + length);
   return out;
 }

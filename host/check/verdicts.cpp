@@ -21,7 +21,7 @@ namespace fs = std::filesystem;
 constexpr std::size_t kBuilds = 8;  // maximum number of builds whose verdicts are stored
 constexpr Part kParts[] = {Part::drawing, Part::loss, Part::gradients, Part::learning, Part::networks};
 
-// Returns everything, except the build, that results may depend on.
+// Returns a text with the properties of the device that its results may depend on.
 std::string device_text(const DeviceInfo& d) {
   std::string text;
   for (const std::string& part : {d.backend, d.platform, d.vendor, d.name, d.driver, d.version, d.pci})
@@ -30,8 +30,8 @@ std::string device_text(const DeviceInfo& d) {
   return text;
 }
 
-// Returns a hash of the kernel sources that are used instead of the embedded ones, or an empty text if the
-// embedded ones are used.
+// If UBS_KERNEL_DIR is set, kernel sources in this folder are used instead of the embedded ones. Then this
+// function returns a text with a hash of these sources. Otherwise it returns an empty text.
 std::string sources_text() {
   const char* folder = std::getenv("UBS_KERNEL_DIR");
   if (!folder || !*folder) return "";
@@ -60,15 +60,15 @@ Verdict from_json(const Json& json) {
   return v;
 }
 
-// Returns the verdicts by build, oldest first. Returns none if the file is missing, damaged or for a
-// different device.
+// Returns the verdicts of each build, oldest build first. Returns no verdicts if the file is missing or
+// damaged, or belongs to another device.
 Json read_builds(const std::string& file, const std::string& device) {
   std::error_code error;
   if (file.empty() || !fs::exists(file, error)) return Json::object();
   try {
     const Json json = parse_json(read_text_file(file), file);
     if (json.at("device") == device && json.at("builds").is_object()) return json["builds"];
-  } catch (const std::exception&) {  // the file is written again later
+  } catch (const std::exception&) {  // a damaged file will be replaced
   }
   return Json::object();
 }

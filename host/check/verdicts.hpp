@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Verdicts stores the results of device checks next to the compiled kernels (kernel_cache_folder()). There is
-// one file per device and driver, with the verdicts of the builds that used it most recently. A file that
-// cannot be read is treated as empty.
+// Verdicts stores the results of device checks in the folder of the compiled kernels (kernel_cache_folder()).
+// Each combination of device and driver has a file with the verdicts of the builds that have stored a verdict
+// most recently. A file that cannot be read is treated as empty.
 #pragma once
 
 #include <optional>
@@ -13,23 +13,23 @@
 namespace ubs::check {
 
 struct Verdict {
-  std::string form;  // form_text()
+  std::string form;  // text that form_text() returns for the checked configuration
   Parts parts;
   bool right = true;
-  std::string problem;  // if wrong: stage and numbers, or the reason why the kernels do not build
+  std::string problem;  // if `right` is false, the stage and the error
 };
 
 class Verdicts {
  public:
-  // `build` identifies the executable (its build id). With UBS_KERNEL_DIR, the kernel sources in that folder
-  // become part of this identity.
+  // `build` is the build ID of the executable. If UBS_KERNEL_DIR is set, verdicts are stored separately for
+  // each version of the kernel sources in that folder.
   Verdicts(const DeviceInfo& device, const std::string& build);
 
   const std::vector<Verdict>& all() const { return verdicts_; }
-  // Returns the verdict for this form that covers at least these parts.
+  // Returns a stored verdict for this form that covers at least these parts, if there is one.
   std::optional<Verdict> find(const std::string& form, const Parts& parts) const;
-  // Stores a verdict and replaces older ones for the same form and parts. If the file cannot be written,
-  // nothing is stored.
+  // Stores a verdict. Removes older verdicts for the same form that cover no other parts. If the file cannot
+  // be written, the error is ignored.
   void keep(Verdict verdict);
   void forget();  // removes all verdicts for this device and build
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Deal assigns the views of a batch to ranks. Faster ranks render more of them. The views that are rendered
-// at the same time, at most one per rank, are consecutive in the batch, so that their gradients arrive in the
-// order of the batch.
+// Deal assigns the views of a batch to ranks. Faster ranks render more views. The views are rendered in
+// rounds, and in each round a rank renders at most one view. The views of a round are consecutive in the
+// batch, so that their gradients arrive in the order of the batch.
 #pragma once
 
 #include <cstdint>
@@ -11,14 +11,15 @@
 
 namespace ubs {
 
-inline constexpr std::int64_t kNoView = -1;
+inline constexpr std::int64_t kNoView = -1;  // entry of a rank that renders no view in a round
 
 class Deal {
  public:
-  // speeds: views per second of each rank; empty: all are equally fast.
+  // `speeds` contains the number of views per second that each rank renders. If it is empty, all ranks count
+  // as equally fast.
   Deal(std::uint64_t views, int ranks, std::span<const double> speeds = {}) {
     std::vector<std::uint64_t> counts(static_cast<std::size_t>(ranks));
-    for (std::uint64_t view = 0; view < views; ++view) {  // assign it to the rank that would finish first
+    for (std::uint64_t view = 0; view < views; ++view) {  // assigns it to the rank that would finish it first
       std::size_t best = 0;
       const auto done = [&](std::size_t r) {
         return static_cast<double>(counts[r] + 1) / (speeds.empty() ? 1 : speeds[r]);
@@ -29,7 +30,7 @@ class Deal {
     }
     *this = Deal(std::move(counts));
   }
-  // counts: number of views that each rank renders.
+  // `counts` contains the number of views that each rank renders.
   explicit Deal(std::vector<std::uint64_t> counts) : counts_(std::move(counts)) {
     for (bool more = true; more;) {
       more = false;
@@ -44,7 +45,8 @@ class Deal {
     }
   }
 
-  // Returns, for each round, the view that each rank renders, as its index in the batch.
+  // Returns the rounds. A round contains the index in the batch of the view that each rank renders, or
+  // kNoView.
   const std::vector<std::vector<std::int64_t>>& rounds() const { return rounds_; }
   int rank_of(std::uint64_t view) const { return rank_of_[view]; }
   const std::vector<std::uint64_t>& counts() const { return counts_; }

@@ -5,8 +5,8 @@
 
 namespace ubs {
 
-// Open MPI's mpirun sets the first variable. MPICH's mpirun, and Slurm with pmi2, set the second one. Slurm
-// with pmix only reports the rank.
+// mpirun of Open MPI sets OMPI_COMM_WORLD_SIZE. mpirun of MPICH, and Slurm with pmi2, set PMI_SIZE. Slurm
+// with pmix only sets the rank, so the number of ranks is unknown, and the function returns 0.
 int launched_ranks() {
   for (const char* name : {"OMPI_COMM_WORLD_SIZE", "PMI_SIZE"})
     if (const char* value = std::getenv(name)) return std::atoi(value);

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// All MPI calls here are non-blocking and are polled until they complete or the time limit is exceeded. So a
-// rank that has crashed or hangs ends the job instead of blocking it.
+// All MPI operations in this file are non-blocking. They are polled until they complete or until a time limit
+// is exceeded. Therefore a rank that has crashed or hangs ends the job instead of blocking it.
 #include "host/cluster/mpi.hpp"
 
-#define OMPI_SKIP_MPICXX 1  // excludes the C++ bindings, which MPI has removed
+#define OMPI_SKIP_MPICXX 1  // excludes the obsolete C++ bindings of MPI
 #define MPICH_SKIP_MPICXX 1
 #include <mpi.h>
 #if defined(OPEN_MPI)
@@ -70,10 +70,11 @@ class MpiRanks final : public Communicator {
   }
 
  private:
-  static constexpr int kNumbers = 32767;  // largest message number (tag); every MPI supports it
+  static constexpr int kNumbers = 32767;  // largest tag (message number) that every MPI library supports
 
-  // The sizes of the pieces are sent before them. All ranks start exchanges in the same order, so that the
-  // number of an exchange identifies it if several are pending.
+  // OnTheWay is an exchange that has started. The sizes of the pieces are sent first, then the pieces. All
+  // ranks start exchanges in the same order, so the number of an exchange identifies it on all ranks, even if
+  // several exchanges are pending.
   class OnTheWay final : public Exchange {
    public:
     OnTheWay(const MpiRanks& ranks, const Pieces& pieces, int number)
@@ -86,7 +87,7 @@ class MpiRanks final : public Communicator {
       check_mpi(MPI_Ialltoall(out_.data(), 1, MPI_UINT64_T, in_.data(), 1, MPI_UINT64_T, MPI_COMM_WORLD,
                               &sizes_.emplace_back()),
                 "MPI_Ialltoall");
-      for (int step = 1; step < ranks.size_; ++step) {  // different ranks start with different receivers
+      for (int step = 1; step < ranks.size_; ++step) {  // each rank starts with another receiver
         const int r = (ranks.rank_ + step) % ranks.size_;
         const std::span<const std::byte> from = pieces[static_cast<std::size_t>(r)];
         ranks.for_parts(from.size(), [&](std::size_t at, int count) {
@@ -126,15 +127,16 @@ class MpiRanks final : public Communicator {
     std::vector<MPI_Request> sizes_, pieces_;
   };
 
+  // Calls part(offset, size) for each message that `bytes` bytes are divided into.
   template <typename Part>
   void for_parts(std::size_t bytes, const Part& part) const {
     for (std::size_t at = 0; at < bytes; at += limits_.message)
       part(at, static_cast<int>(std::min(limits_.message, bytes - at)));
   }
 
-  // There may be more ranks than cores, and a device's threads run on the same cores. Therefore, after a
-  // short time of polling, this function sleeps between polls. The sleeps become longer with the waiting
-  // time.
+  // Waits until all requests have completed. Other ranks and the threads of a device may use the same cores.
+  // Therefore this function polls without a pause only for a short time, and then sleeps between polls. The
+  // sleeps become longer with the waiting time.
   void wait(std::vector<MPI_Request>& requests) const {
     constexpr double kBusy = 100e-6;
     const Stopwatch watch;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Connects the processes of a job that mpirun or srun started. mpi.cpp is the only file that uses MPI; in a
-// build without it (UBS_MPI=OFF), without_mpi.cpp replaces it.
+// join_job() connects the processes of a job that mpirun or srun has started. mpi.cpp is the only file that
+// uses MPI. A build without MPI (UBS_MPI=OFF) contains without_mpi.cpp instead.
 #pragma once
 
 #include <cstddef>
@@ -11,18 +11,22 @@
 namespace ubs {
 
 struct JobLimits {
-  double patience = 600;  // the job ends after this time without an answer [s]; UBS_RANK_PATIENCE
-  std::size_t message = std::size_t{1} << 30;  // maximum bytes per message; MPI counts in int
+  // If another rank does not answer for this time [s], the job ends. UBS_RANK_PATIENCE replaces the value.
+  double patience = 600;
+  // Maximum size of a message [bytes]. MPI stores sizes as int.
+  std::size_t message = std::size_t{1} << 30;
 };
 
-// Returns the number of processes that the launcher started: 1 without a launcher, 0 if the launcher does not
-// report the number.
+// Returns the number of processes that the launcher (mpirun or srun) has started. Returns 1 if this process
+// was not started by a launcher, and 0 if the launcher does not report the number.
 int launched_ranks();
 
-// Returns null if the process was not started by a launcher. Processes that this one starts do not belong to
-// the job. Throws Error(usage) if a launcher started several processes and this build has no MPI.
+// Connects this process to the other processes of its job. Returns null if it was not started by a launcher.
+// Child processes of this process do not belong to the job. Throws Error(usage) if a launcher has started
+// several processes and this build has no MPI.
 std::unique_ptr<Communicator> join_job(JobLimits limits = {});
-// Ends all processes of the job, if this rank cannot continue. Requires join_job().
+// Ends all processes of the job with this exit code. Ranks that cannot continue call it. join_job() must have
+// been called before.
 [[noreturn]] void end_job(int code);
 
 }  // namespace ubs

@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// share_of() returns the contiguous range of a model's splats that a rank owns. It depends only on the number
-// of splats and of ranks. Ranges consist of whole blocks, so that the same splats are together in a vector of
-// a kernel for any number of ranks. This matters because kernels choose a code path by all lanes of a vector,
-// and the paths may differ in the last bit of their results.
+// share_of() returns the contiguous range of splats of a model that a rank owns. It depends only on the
+// number of splats and the number of ranks. The ranges consist of whole blocks. Therefore a vector in a
+// kernel contains the same splats for any number of ranks. This is necessary for bit-identical results,
+// because some kernels choose a code path that depends on all lanes of a vector, and the results of these
+// paths may differ in the last bit.
 #pragma once
 
 #include <algorithm>
@@ -10,7 +11,7 @@
 
 namespace ubs {
 
-inline constexpr std::uint32_t kShareBlock = 64;  // at least the lanes of a vector
+inline constexpr std::uint32_t kShareBlock = 64;  // splats per block; a multiple of the lanes of a vector
 
 struct Share {
   std::uint32_t first = 0, count = 0;

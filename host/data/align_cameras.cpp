@@ -16,18 +16,21 @@
 namespace ubs {
 namespace {
 
-// Half widths of the search band around an epipolar line in each round, as shares of the image width.
+// Half width of the search band around an epipolar line in each of the four rounds, as a fraction of the
+// width of the widest image.
 constexpr std::array<double, 4> kBands{0.02, 0.008, 0.003, 0.003};
-constexpr double kRobust = 1;  // [px] residuals beyond this count less (Cauchy loss)
-// [px] after adjustment, a match with a larger error is discarded
+// [px] The Cauchy loss reduces the weight of residuals that are larger than this.
+constexpr double kRobust = 1;
+// [px] An observation whose error is larger than this after an adjustment is discarded.
 constexpr double kOff = 4;
-// Standard deviation of the given poses [rad]: of their rotation, and of their translation as an angle seen
-// in the image.
+// [rad] Assumed standard deviation of each of the six numbers that describe the error of a given pose. All of
+// them are angles as seen in the image (camera_motion.hpp).
 constexpr double kPriorAngle = 5e-3;
 constexpr int kSteps = 30;
-constexpr double kSettled = 1e-4;  // stop when a step lowers the cost by less than this share
+constexpr double kSettled = 1e-4;  // stop when a step lowers the cost by less than this fraction
+// Each view is matched with kMatchedWith other views. A track must be observed in at least kMinSights views.
 constexpr std::size_t kMatchedWith = 12, kMinSights = 3;
-// A camera is aligned only if its image shows at least this many corners that belong to tracks
+// A camera is aligned only if its image shows at least this many corners that belong to tracks.
 constexpr std::size_t kMinSeen = 24;
 
 using Row6 = cv::Matx<double, 2, 6>;
@@ -42,7 +45,8 @@ struct Track {
   std::vector<Sight> seen;
 };
 
-// Triangulates the point of a track by least squares. Returns whether it lies in front of all its cameras.
+// Triangulates the point of a track by least squares. Returns whether the point is in front of all cameras of
+// the track.
 bool place(Track& track, std::span<const Camera> cameras) {
   cv::Matx33d sum = cv::Matx33d::zeros();
   cv::Vec3d right(0, 0, 0);
@@ -107,7 +111,7 @@ class Adjustment {
   }
 
   // Computes the derivatives of a pixel with respect to the six moves of its camera (camera_motion.hpp) and
-  // with respect to its point.
+  // with respect to its point. Returns false if the point is behind the camera.
   static bool linearise(const Camera& c, double depth, const Vec3& point, Pixel& at, Row6& by_pose,
                         Row3& by_point) {
     const Vec3 p = in_camera(c, point);
@@ -115,7 +119,7 @@ class Adjustment {
     at = {c.fx * p[0] / p[2] + c.cx, c.fy * p[1] / p[2] + c.cy};
     const Row3 lens(c.fx / p[2], 0, -c.fx * p[0] / (p[2] * p[2]), 0, c.fy / p[2],
                     -c.fy * p[1] / (p[2] * p[2]));
-    const double z = p[2] - depth;  // from the pivot
+    const double z = p[2] - depth;  // depth relative to the pivot, which is at `depth` on the camera's axis
     const std::array<double, 18> motion{0, z,     -p[1], depth, 0,     0, -z, 0, p[0],
                                         0, depth, 0,     p[1],  -p[0], 0, 0,  0, depth};
     by_pose = lens * cv::Matx<double, 3, 6>(motion.data());
@@ -261,7 +265,7 @@ std::vector<Track> find_tracks(std::span<const Corners> corners,
       found[joined.of(first[v] + k)].seen.push_back({v, corners[v].at[k]});
   std::vector<Track> tracks;
   for (auto& [root, track] : found) {
-    // A track with two corners in the same image is wrong.
+    // A track with two corners in the same image contains a wrong match, so it is not used.
     const auto same = std::ranges::adjacent_find(track.seen, {}, &Sight::view);
     if (track.seen.size() >= kMinSights && same == track.seen.end() && place(track, cameras))
       tracks.push_back(std::move(track));

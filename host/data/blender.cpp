@@ -64,8 +64,8 @@ struct PendingView {
   fs::path image;
 };
 
-// Throws if the file has distortion coefficients. nerfstudio folders have them; this loader would ignore
-// them.
+// Throws if the frame or the file has a distortion coefficient that is not 0. The JSON files of nerfstudio
+// have such coefficients, and this loader would ignore them.
 void refuse_distortion(const Node& frame, const Node& file) {
   for (const char* key : {"k1", "k2", "k3", "k4", "p1", "p2"})
     if (const double value = lookup(frame, file, key).value_or(0.0); value != 0)
@@ -85,8 +85,8 @@ void complete_view(PendingView& pending, const Node& file, const DatasetOptions&
     const ImageInfo info = image_file_info(pending.image);
     view.file = pending.image;
     original = info.size;
-    // These notes are discarded, because every reduced image would cause the same note, and rescaling is
-    // normal in this layout.
+    // The notes of check_image_size() about rescaled images are discarded: every reduced image would cause
+    // the same note, and rescaling is normal in this layout.
     LoadReport notes;
     if (stated) check_image_size(original, *stated, pending.image.string(), notes);
     view.opaque = info.opaque;
@@ -114,7 +114,8 @@ void complete_view(PendingView& pending, const Node& file, const DatasetOptions&
 }
 
 // Finds the images of a split. If some are not at their exact paths, the images of all splits are searched
-// for together. Otherwise r_0 of a split without images could be mistaken for r_0 of another split.
+// for together. Otherwise, if all images of one split were missing, the file r_0 of another split could be
+// mistaken for the missing r_0.
 std::vector<fs::path> find_images(NamedFiles& files, const DataRoot& root, const fs::path& folder,
                                   const std::string& split, std::vector<StatedName> names) {
   const std::size_t count = names.size();
@@ -145,7 +146,8 @@ Split load_blender_split(const fs::path& folder, const std::string& split, const
   const std::string path = transforms_path(folder, split).string();
   const Json json = parse_file(root.check(path));
   const Node file{json, path};
-  // Without a train file, the range of the split's own file is the best guess.
+  // Times are normalised with the time range of the train file. If there is no train file, the time range of
+  // the split's own file is used instead.
   const bool other = split != "train" && has_blender_split(folder, "train");
   const TimeRange times = other ? time_range(parse_file(root.check(transforms_path(folder, "train"))),
                                              transforms_path(folder, "train").string())
@@ -158,7 +160,7 @@ Split load_blender_split(const fs::path& folder, const std::string& split, const
   }
   NamedFiles files(root, folder);
   const std::vector<fs::path> images = find_images(files, root, folder, split, names);
-  // If there is no report, or if only cameras are wanted, views may be without images.
+  // Views may lack their images if there is no report, or if only the cameras are wanted.
   const bool needs_images = report && options.load_images;
   const auto absent = std::ranges::find_if(images, [](const fs::path& image) { return image.empty(); });
   if (needs_images && absent != images.end()) {
@@ -182,7 +184,7 @@ Split load_blender_split(const fs::path& folder, const std::string& split, const
   for (std::size_t i = 0; i < names.size(); ++i) {
     const Node frame = frame_node(json, i, path);
     if (needs_images && images[i].empty()) {
-      report->skip(names[i].name, "no such image");
+      report->skip(names[i].name, "the image does not exist");
       continue;
     }
     View view;
@@ -191,7 +193,7 @@ Split load_blender_split(const fs::path& folder, const std::string& split, const
     view.camera.time = times.normalise(raw_time(frame));
     view.camera.extra = read_query(frame);
     if (!pending.empty() && view.camera.extra.size() != pending[0].view.camera.extra.size())
-      fail(ErrorKind::data, "{}: 'query' has {} values, but that of frame 0 has {}", frame.where,
+      fail(ErrorKind::data, "{}: 'query' has {} values, but 'query' of frame 0 has {}", frame.where,
            view.camera.extra.size(), pending[0].view.camera.extra.size());
     pending.push_back({std::move(view), frame, images[i]});
   }

@@ -13,17 +13,23 @@ namespace ubs {
 
 bool has_blender_split(const std::filesystem::path& folder, const std::string& split);
 
-// Without a `report`, a view whose image file does not exist is kept with an empty image if the JSON has w
-// and h. Times of all splits are normalised with the range of the TRAIN file.
+// Loads the cameras and the images of the split that is called `split`.
 //
-// Focal length and principal point come from the frame, or from the file if the frame does not have them. On
-// each level, fl_x/fl_y take precedence over camera_angle_x/_y. fy = fx if no field describes y. Without cx
-// and cy the principal point is the image centre. Quantities in pixels refer to w x h of the JSON and are
-// rescaled if the image has another size.
-// `lazy`: views get a source instead of pixels.
-// `report`: if it is passed and images are wanted, a missing image of the train split is an error. In other
-// splits, views without an image file are skipped; if all of them lack one, the split is empty. The report
-// says so.
+// Times are scaled and shifted so that the times of the train split range from 0 to 1. If there is no train
+// split, the time range of the split itself is used.
+//
+// Focal length and principal point come from the frame, or from the top level of the file if the frame does
+// not have them. If fl_x or fl_y and also camera_angle_x or camera_angle_y are given in the same place, the
+// focal lengths are used and the angles are ignored. fy = fx if no field describes y. Without cx and cy the
+// principal point is the image centre. Quantities in pixels refer to w x h of the JSON and are rescaled if
+// the image has another size.
+//
+// If `lazy` is set, views get an image source instead of pixels.
+//
+// If a `report` is passed and images are wanted, a missing image of the train split is an error. In other
+// splits, views without an image file are skipped, and the split is empty if no image file exists; the report
+// gets a note in both cases. Without a `report`, a view whose image file does not exist is kept with an empty
+// image if the JSON has w and h.
 Split load_blender_split(const std::filesystem::path& folder, const std::string& split,
                          const DatasetOptions& options = {}, bool lazy = false, LoadReport* report = nullptr);
 

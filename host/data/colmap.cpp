@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// See colmap.hpp. This file creates lens models and reads the binary files.
+// See colmap.hpp. This file chooses the model of a folder, creates the lenses and reads the binary files.
 #include "host/data/colmap.hpp"
 
 #include <algorithm>

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// ColmapModel is a sparse model of COLMAP, as stored in binary or text files: cameras with any lens model,
-// poses and coloured points. The readers skip two-dimensional observations and tracks.
+// ColmapModel is a sparse model of COLMAP, which is stored in binary or in text files. It contains cameras
+// with any lens model, poses and coloured points. The readers skip the two-dimensional observations and the
+// tracks.
 #pragma once
 
 #include <array>
@@ -24,9 +25,9 @@ struct ColmapCamera {
 
 struct ColmapImage {
   std::string name;                  // file name, relative to the image folder
-  std::array<double, 4> rotation{};  // world -> camera, unit quaternion w x y z
+  std::array<double, 4> rotation{};  // from world to camera, unit quaternion w x y z
   std::array<double, 3> translation{};
-  std::uint32_t camera = 0;
+  std::uint32_t camera = 0;  // key in ColmapModel::cameras
 };
 
 struct ColmapModel {
@@ -36,7 +37,8 @@ struct ColmapModel {
   // Names of the images whose pose or camera is not finite. They are not in `images`.
   std::vector<std::string> unplaced;
   WorldPoints points;
-  bool scaled_colours = false;  // the text file stores colours from 0 to 1
+  // The text file stores colours from 0 to 1 instead of 0 to 255. `points` contains the scaled colours.
+  bool scaled_colours = false;
 };
 
 // Returns the folder of the model to use, which contains cameras.bin or cameras.txt. Searches `data`/sparse
@@ -46,15 +48,20 @@ struct ColmapModel {
 std::filesystem::path find_colmap_model(const std::filesystem::path& data, const std::string& name = "auto",
                                         LoadReport* report = nullptr);
 
-// Return the number of images that a model states, without reading the images; 0 for a damaged model.
+// Return the number of images that images.bin or images.txt lists. The first function reads both kinds of
+// models, the second only text files. Both return 0 if the file does not exist, and the first one also if
+// images.bin is too short.
 std::size_t count_colmap_images(const std::filesystem::path& model);
 std::size_t count_colmap_text_images(const std::filesystem::path& model);
 
-// Reads the binary files if both kinds exist. points3D may be missing.
+// Reads a model. If the folder contains binary and text files, the binary ones are read. The file of points
+// may be missing.
 ColmapModel read_colmap_model(const std::filesystem::path& model_folder);
 
-// Used by the readers of both kinds. Makes a lens from parameters in COLMAP's order. `where` starts error
-// messages.
+// The following functions are shared by the readers of binary and of text files. Error messages start with
+// `where`.
+
+// Returns a camera of the lens model called `model`, whose parameters are in COLMAP's order.
 ColmapCamera make_colmap_camera(const std::string& model, std::uint64_t width, std::uint64_t height,
                                 const std::vector<double>& parameters, const std::string& where);
 // Adds the camera to the model, or adds its number to `unusable` if its parameters are not finite.
@@ -62,9 +69,10 @@ void add_colmap_camera(ColmapModel& model, std::uint32_t id, const std::string& 
                        std::uint64_t height, const std::vector<double>& parameters, const std::string& where);
 // Returns the lens model with the given number in a binary file. Throws Error(data) for an unknown number.
 const LensModel& colmap_model(int number, const std::string& where);
+// Adds the image to the model, or adds its name to `unplaced` if its pose or its camera is not finite.
 void add_colmap_image(ColmapModel& model, ColmapImage image, const std::string& where);
 
-// These two are in colmap_text.cpp.
+// The following two functions read text files and are defined in colmap_text.cpp.
 ColmapModel read_colmap_text(const std::filesystem::path& folder);
 void read_colmap_text_points(const std::filesystem::path& file, ColmapModel& model);
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// load_colmap() loads a COLMAP folder as a data set: sparse model, image folder and optional masks. The views
-// are split into train and test by name.
+// load_colmap() loads a COLMAP folder as a data set. The folder contains a sparse model, images and optional
+// masks. The views are sorted by name and split into train and test views.
 
 #include <fmt/ranges.h>
 
@@ -40,7 +40,9 @@ void describe_cameras(const ColmapModel& model, LoadReport& report) {
 LoadedScene load_colmap(const fs::path& folder, const DatasetOptions& options) {
   LoadedScene scene;
   const fs::path model_folder = find_colmap_model(folder, options.read.colmap_model, &scene.report);
-  if (model_folder.empty()) fail(ErrorKind::data, "{}: no sparse/0/cameras.bin or .txt", folder.string());
+  if (model_folder.empty())
+    fail(ErrorKind::data, "{}: contains neither sparse/0/cameras.bin nor sparse/0/cameras.txt",
+         folder.string());
   DataRoot root(folder, options.read.allow_outside);
   for (const char* name : {"cameras", "images", "points3D"})
     for (const char* extension : {".bin", ".txt"}) root.check((model_folder / name).concat(extension));
@@ -57,8 +59,8 @@ LoadedScene load_colmap(const fs::path& folder, const DatasetOptions& options) {
     scene.report.note_difference("the colours of points3D.txt are from 0 to 1, and are scaled to 0 to 255");
 
   describe_cameras(model, scene.report);
-  // Without a folder `images`, look for the images next to the model: `ubs cameras` does not move the
-  // photographs.
+  // If there is no folder `images`, the images are searched for in the data folder itself, because `ubs
+  // cameras` does not move the photographs.
   const bool beside = !is_folder(folder / "images") && path_exists(folder / model.images.front().name);
   const std::string image_folder = options.read.images != "auto" ? options.read.images
                                    : beside                      ? "."
@@ -107,8 +109,9 @@ LoadedScene load_colmap(const fs::path& folder, const DatasetOptions& options) {
   files.report(scene.report);
   if (masks > 0) scene.report.note(fmt::format("{} masks: masked pixels are ignored", masks));
   settle_image_names(views, counts);
-  // Folders of LLFF contain both kinds of cameras. Results on them are published for every 8th image, also
-  // for scenes with few images.
+  // Folders in the LLFF layout contain poses_bounds.npy in addition to COLMAP's model. Published results on
+  // these scenes use every 8th image as a test view, also for scenes with few images, so split_views(), which
+  // treats scenes with few images differently, is not used.
   scene.splits = path_exists(folder / "poses_bounds.npy")
                      ? split_every(std::move(views), options.read.test_every)
                      : split_views(std::move(views), options.read.test_every, scene.report);

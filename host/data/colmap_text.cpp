@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // This file reads COLMAP's text files. They have one record per line, and lines that start with '#' are
-// comments. In images.txt every second line holds observations and may be empty. Error messages name file and
-// line.
+// comments. In images.txt every second line holds observations and may be empty. Error messages name the file
+// and the line.
 #include <algorithm>
 #include <charconv>
 #include <cmath>
@@ -49,14 +49,15 @@ class LineReader {
     return found;
   }
 
-  // Returns the rest of the line, because file names may contain blanks.
+  // Returns the rest of the line without leading and trailing blanks. It is used for file names, which may
+  // contain blanks.
   std::string rest(const char* what) {
     const std::size_t first = line_.find_first_not_of(" \t");
     if (first == std::string_view::npos) fail(ErrorKind::data, "{}: {} is missing", where(), what);
     return std::string(line_.substr(first, line_.find_last_not_of(" \t") + 1 - first));
   }
 
-  // Reads a number. Floating-point numbers must be finite unless the caller handles other values.
+  // Reads a number. A floating-point number must be finite, unless `finite_or_not` is set.
   template <typename T>
   T number(const char* what, bool finite_or_not = false) {
     const std::string_view text = word(what);
@@ -69,15 +70,18 @@ class LineReader {
     return value;
   }
 
-  // Returns whether the line holds observations: any number of triples of x, y and point number. A line that
-  // describes an image ends with a file name, or its number of words is not a multiple of three.
+  // Returns whether the line holds observations. Each observation consists of three numbers: x, y and the
+  // number of a point. A line that describes an image consists of nine numbers and a file name. So one of its
+  // first words is not a number, or, if the file name is a number too, its ten words are not a multiple of
+  // three.
   bool has_observations() const {
     std::size_t words = 0;
     for (std::size_t at = 0; (at = line_.find_first_not_of(" \t", at)) != std::string_view::npos;) {
       const std::size_t end = std::min(line_.find_first_of(" \t", at), line_.size());
       double ignored = 0;
       const auto result = std::from_chars(line_.data() + at, line_.data() + end, ignored);
-      constexpr std::size_t kLooked = 12;  // in a line of an image, the name follows after fewer words
+      // Number of words that are checked. The file name in a line that describes an image is the tenth word.
+      constexpr std::size_t kLooked = 12;
       if (words < kLooked && (result.ec == std::errc::invalid_argument || result.ptr != line_.data() + end))
         return false;
       ++words, at = end;
@@ -102,8 +106,8 @@ void read_text_cameras(const fs::path& path, ColmapModel& model) {
   }
 }
 
-// Reads images.txt. Every image has a second line for observations, which may be empty. Hand-made files often
-// leave it out; the next line then describes the next image.
+// Reads images.txt. Every image has a second line for observations, which may be empty. If the second line is
+// missing, as in many files that were written by hand, the next line describes the next image.
 void read_text_images(const fs::path& path, ColmapModel& model) {
   LineReader in(path);
   for (bool more = in.next(); more;) {
@@ -121,8 +125,8 @@ void read_text_images(const fs::path& path, ColmapModel& model) {
 
 }  // namespace
 
-// Reads points3D.txt. Colours are integers from 0 to 255. Hand-made files also store them as 29.0, or from 0
-// to 1.
+// Reads points3D.txt. Colours are integers from 0 to 255. Files that were written by hand also contain
+// colours with decimals, such as 29.0, or colours from 0 to 1.
 void read_colmap_text_points(const fs::path& path, ColmapModel& model) {
   std::vector<std::array<double, 3>> colours;
   bool fractions = false;

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Reads SuperSplat's compressed PLY; see foreign_formats.hpp. The file has three elements:
-// - chunk: bounds of the positions and log scales of 256 splats each, and of their colours since version 2
+// - chunk: bounds of the positions and log scales of 256 splats per chunk; since version 2 also bounds of
+//   their colours
 // - vertex: position and scale in 11+10+11 bits each, colour and opacity in 4 x 8 bits, rotation in 2 bits
 //   (index of the largest component) + 3 x 10 bits
 // - sh: f_rest_* in 8 bits each
@@ -38,8 +39,8 @@ std::array<float, 3> unpack_11_10_11(std::uint32_t v) {
   return {unit(v, 21, 11), unit(v, 11, 10), unit(v, 0, 11)};
 }
 
-// Decodes a quaternion w x y z. The file stores all components except the largest, in this order, as
-// numbers from -sqrt(1/2) to sqrt(1/2).
+// Decodes a quaternion w x y z. The file stores the index of the largest component, and the other three
+// components in the order w x y z as numbers from -sqrt(1/2) to sqrt(1/2).
 std::array<float, 4> unpack_rotation(std::uint32_t v) {
   const float stored[3] = {(unit(v, 20, 10) - 0.5f) * std::sqrt(2.0f),
                            (unit(v, 10, 10) - 0.5f) * std::sqrt(2.0f),
@@ -66,7 +67,9 @@ std::size_t offset_of(const PlyElement& element, const std::string& property, Pl
   return found->offset;
 }
 
-// Returns the offsets of lo_x, lo_y, lo_z, hi_x, hi_y, hi_z.
+// Returns the offsets of the properties with the lower and the upper bounds of a quantity. With the axes
+// "xyz", these are min_x, min_y, min_z, max_x, max_y and max_z. `what` is inserted before the axis, as in
+// min_scale_x.
 std::array<std::size_t, 6> bounds_offsets(const PlyElement& chunk, const std::string& what, const char* axes,
                                           const std::string& name) {
   std::array<std::size_t, 6> offsets{};
@@ -126,7 +129,7 @@ void read_sh(std::ifstream& stream, const PlyElement& element, ImportedSplats& s
             unpack_sh(std::to_integer<std::uint8_t>(bytes[i * element.stride + offsets[c * higher + k]]));
 }
 
-// Adds a note that names the properties of chunks and splats that are not used.
+// Adds a note about the properties of `element` that are not in `names`, because they are not used.
 void note_unused(const PlyElement& element, const std::vector<std::string>& names, LoadReport& report) {
   std::vector<const PlyProperty*> used;
   for (const std::string& name : names)

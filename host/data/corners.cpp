@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
+// See corners.hpp.
 #include "host/data/corners.hpp"
 
 #include <algorithm>
@@ -22,7 +23,8 @@ constexpr int kFeatures = 3000, kOctaveLayers = 3;
 // OpenCV's default is 0.04, which gives too few features in small images.
 constexpr double kFeatureContrast = 0.005;
 constexpr double kCell = 16;  // [px of the searched image] side of the cells that corners are sorted into
-// Maximum ratio of the distances of the best and the second best descriptor in the band.
+// A match is accepted if the distance to the best descriptor in the search band is at most this fraction of
+// the distance to the second best.
 constexpr float kRatio = 0.85f;
 
 void sort_into_cells(Corners& corners, const Image8& image) {
@@ -40,14 +42,15 @@ void sort_into_cells(Corners& corners, const Image8& image) {
   std::ranges::stable_sort(corners.sorted, {}, cell_of);
 }
 
-// Calls visit() for the corners at most `band` away from the line a u + b v + c = 0, whose normal has unit
-// length.
+// Calls visit() for the corners that are at most `band` away from the line a u + b v + c = 0. The length of
+// the vector (a, b) must be 1.
 template <typename Visit>
 void for_near_line(const Corners& in, const Vec3& line, double band, const Visit& visit) {
   if (in.at.empty()) return;
   const double b = std::copysign(std::max(std::abs(line[1]), 1e-9), line[1]);
-  // The rows of the line at the left border of a column of cells, in cells, and the rows that it crosses
-  // there.
+  // `left` is the row in which the line crosses the left border of the current column of cells. `step` is the
+  // number of rows by which the line descends within a column, and `slack` is half the height of the band.
+  // All three are in units of cells.
   double left = -line[2] / (b * in.cell);
   const double step = -line[0] / b, slack = band / (std::abs(b) * in.cell);
   const auto last = static_cast<double>(in.cells_down - 1);
@@ -145,7 +148,8 @@ std::vector<std::ptrdiff_t> best_along_lines(const Corners& from, const Corners&
   const Vec3 base = a.centre() - b.centre();
   band *= to.pixel();
   for (std::size_t i = 0; i < from.rays.size(); ++i) {
-    // The plane that contains the ray and both cameras, as a line in the image of b.
+    // Compute the epipolar line. On this line, the image of b intersects the plane that contains the ray and
+    // both camera centres.
     const Vec3 n = rotated(b.rotation, cross(base, from.rays[i]));
     Vec3 line{n[0] / b.fx, n[1] / b.fy, n[2] - n[0] * b.cx / b.fx - n[1] * b.cy / b.fy};
     const double size = std::hypot(line[0], line[1]);

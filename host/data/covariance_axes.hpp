@@ -10,16 +10,16 @@ namespace ubs {
 
 struct CovarianceAxes {
   std::array<double, 4> rotation{1, 0, 0, 0};  // quaternion w x y z, unit length
-  std::array<double, 3> variance{};            // descending, all positive
+  // Variances along the rotated axes, never negative. covariance_axes() returns them in descending order.
+  std::array<double, 3> variance{};
 };
 
-// Decomposes a covariance. If it is not positive definite, variances that are too small are raised to a
-// millionth of the largest one, so the standard deviation along such an axis is a thousandth of the largest
-// one.
+// Decomposes a covariance. All variances of the result are positive: a variance that is smaller than a
+// millionth of the largest variance is raised to this value.
 CovarianceAxes covariance_axes(const double (&covariance)[3][3]);
 
-// Decomposes M M^T, using the singular values of M, so that thin axes keep their accuracy. A variance may be
-// 0.
+// Decomposes M M^T, where M is `factor`. The singular values of M are used, because they are accurate for
+// thin axes too. A variance may be 0.
 CovarianceAxes covariance_axes(const Matrix3& factor);
 
 }  // namespace ubs

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// DataRoot checks which files a data set may read. Files of a data set name other files, and symbolic links
-// may lead to any place. Files outside of the folder that the user named are read only if the user allows it.
+// DataRoot checks which files may be read when a data set is loaded. The files of a data set contain the
+// names of other files, and symbolic links may lead to any place. Files outside of the folder that the user
+// passed are read only if the user allows it.
 #pragma once
 
 #include <filesystem>
@@ -11,9 +12,9 @@ namespace ubs {
 
 class DataRoot {
  public:
-  // `data`: the folder, or a file in it. It may itself be a link.
+  // `data` is the data folder, or a file in it. The path may be a symbolic link.
   DataRoot(const std::filesystem::path& data, bool allow_outside);
-  // Also allows another folder that the user named.
+  // Also allows files of another folder, which the user passed.
   void add(const std::filesystem::path& folder);
 
   // Returns `path` unchanged. Throws Error(data) if the path, after resolving all links, is outside of the

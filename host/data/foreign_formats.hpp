@@ -22,61 +22,70 @@ namespace ubs {
 
 class SplatSeries;
 
-// Standard 3DGS file: f_dc_*, f_rest_* (channel after channel), scale_*, rot_*, opacity; binary or ascii, in
-// any order and with any number types. A note names further properties. Without scale_2 (2DGS) the splats are
-// flat. The reader also accepts DBS files (method.md 5.2); it keeps their lobes if the harmonics have degree
-// 0.
+// Read and write the standard PLY files of 3DGS. Their properties are the position, f_dc_*, f_rest_* (one
+// channel after the other), scale_*, rot_* and opacity. The reader accepts binary and ASCII files, the
+// properties in any order and with any number type, and adds a note that names properties that are not used.
+// Files without scale_2 (2DGS) give flat splats. The reader also accepts DBS files (method.md 5.2); it keeps
+// their spherical Beta lobes if the spherical harmonics have degree 0.
 ImportedSplats read_gaussian_ply(const std::filesystem::path& path);
 void write_gaussian_ply(const std::filesystem::path& path, const ImportedSplats& splats);
 
-// SuperSplat's compressed PLY: blocks of 256 splats with bounds, four packed words per splat.
+// Reads SuperSplat's compressed PLY. It stores bounds for each chunk of 256 splats, and four packed 32-bit
+// words per splat.
 ImportedSplats read_compressed_ply(const std::filesystem::path& path);
 
-// Niantic SPZ, versions 2 and 3 (with or without gzip) and 4 (Zstandard streams). The file stores coordinates
-// with y up and z backward. They are converted to the axes of PLY files by half a revolution about x.
+// Read and write Niantic's SPZ format. The file stores coordinates with y up and z backward. They are
+// converted to the axes of PLY files by a rotation of 180 degrees about x. read_spz() reads the versions 2
+// and 3 (with or without gzip) and 4 (with Zstandard streams). parse_spz() reads the decompressed data of the
+// versions 2 and 3. write_spz() writes version 3.
 ImportedSplats read_spz(const std::filesystem::path& path);
-ImportedSplats parse_spz(std::span<const std::byte> payload, const std::string& name);  // v2, v3, unpacked
-void write_spz(const std::filesystem::path& path, const ImportedSplats& splats);        // version 3
-// Returns sentences about losses of write_spz() beyond the usual rounding to 1/4096 and to 8 bits: a coarser
-// rounding of positions, and values that are out of range.
+ImportedSplats parse_spz(std::span<const std::byte> payload, const std::string& name);
+void write_spz(const std::filesystem::path& path, const ImportedSplats& splats);
+// Returns sentences about the losses of write_spz() that exceed the usual rounding of positions to 1/4096 and
+// of other values to 8 bits. Such losses are a coarser rounding of positions, and values that are out of
+// range.
 std::vector<std::string> spz_remarks(const ImportedSplats& splats);
 
-// .splat file with 32 bytes per splat: position and scale (float32), colour and opacity, quaternion (8 bit
-// each).
+// Read and write .splat files, which have 32 bytes per splat: position and scale as float32; colour, opacity
+// and quaternion with 8 bits per number.
 ImportedSplats read_splat32(const std::filesystem::path& path);
 void write_splat32(const std::filesystem::path& path, const ImportedSplats& splats);
 
-// Binary glTF with KHR_gaussian_splatting: float attributes of points, with y up, rotated like SPZ. The
-// writer stores the offset as the translation of the node. The reader accepts all component types that the
-// extension allows and several primitives; nodes may have a translation, but no rotation.
+// Read and write binary glTF with the extension KHR_gaussian_splatting. Coordinates have y up, and are
+// converted to and from the axes of PLY files by a rotation of 180 degrees about x. The writer stores the
+// offset of the splats as the translation of the node. The reader accepts all component types that the
+// extension allows, and several primitives; nodes may have a translation, but no rotation and no scaling.
+// parse_glb() reads the bytes of a whole file.
 ImportedSplats read_glb(const std::filesystem::path& path);
 ImportedSplats parse_glb(std::span<const std::byte> file, const std::string& name);
 void write_glb(const std::filesystem::path& path, const ImportedSplats& splats);
 
-// SOG: meta.json and lossless WebP images with one pixel per splat, either in a ZIP archive or as files next
-// to meta.json. The axes are those of PLY files. The reader supports versions 1 and 2. The writer creates a
-// ZIP archive of version 2.
+// Read and write SOG. It consists of meta.json and lossless WebP images with one pixel per splat, either in a
+// ZIP archive or as separate files in one folder. The axes are those of PLY files. The reader supports
+// versions 1 and 2. The writer creates a ZIP archive of version 2.
 ImportedSplats read_sog(const std::filesystem::path& path);
-// Does not remove splats, so the indices are those of the file.
+// Reads SOG without removing the splats that cannot be rendered, so the indices are those of the file.
 ImportedSplats load_sog(const std::filesystem::path& path);
-// Returns the path of the file `member` that the file `path` names. Throws Error(data) if it is not in the
-// same folder.
+// Returns the path of the file `member`, whose name is stated in the file `path`. Throws Error(data) if the
+// name does not lead to the folder of `path`.
 std::filesystem::path file_beside(const std::filesystem::path& path, const std::string& member);
+// Reads SOG from the bytes of a ZIP archive.
 ImportedSplats parse_sog(std::span<const std::byte> file, const std::string& name);
 void write_sog(const std::filesystem::path& path, const ImportedSplats& splats);
 
-// Streamed SOG: lod-meta.json holds a tree whose leaves name ranges of SOG files, one per level of detail.
-// The reader loads the finest level and the environment.
+// Reads streamed SOG. Its file lod-meta.json contains a tree; each leaf lists, for every level of detail, a
+// SOG file and a range of splats in it. The reader loads the finest level of all leaves, and the splats of
+// the environment.
 ImportedSplats read_streamed_sog(const std::filesystem::path& path);
 
-// OpenUSD text with the schema UsdVol ParticleField3DGaussianSplat of OpenUSD 26.03: y up, rotated like SPZ,
-// with the offset as a translation in double precision.
-// A series becomes one file. Its time samples have the time codes 0, 1, 2, ...; attributes that are the same
-// at all time samples are stored once.
-// The reader loads the float or half attributes of all splat prims in the layer itself. If the file has time
-// samples, it loads the first one, or the one nearest to `time`, which is from 0 (first) to 1 (last). Prims
-// may be translated, but not rotated or scaled. Throws Error(usage) if a time is given and the file has no
-// time samples.
+// Read and write OpenUSD text files with the schema UsdVol ParticleField3DGaussianSplat of OpenUSD 26.03.
+// Coordinates have y up, and are converted to and from the axes of PLY files by a rotation of 180 degrees
+// about x. The offset of the splats is stored as a translation in double precision. write_usda_series()
+// writes a series to one file. Its time samples have the time codes 0, 1, 2, ...; attributes that are the
+// same at all time samples are stored once. The reader loads the float or half attributes of all splat prims
+// in the layer itself. If the file has time samples, the reader loads the first one, or the one nearest to
+// `time`, which ranges from 0 (first) to 1 (last). Prims may be translated, but not rotated or scaled. Throws
+// Error(usage) if a time is passed and the file has no time samples.
 ImportedSplats read_usda(const std::filesystem::path& path);
 ImportedSplats read_usda_at(const std::filesystem::path& path, double time);
 ImportedSplats parse_usda(std::string_view text, const std::string& name, std::optional<double> time = {});
@@ -84,30 +93,32 @@ void write_usda(const std::filesystem::path& path, const ImportedSplats& splats)
 void write_usda_series(const std::filesystem::path& path, const SplatSeries& series);
 std::vector<std::string> usd_remarks(const ImportedSplats& splats);
 
-// The binary form of the same format, converted by OpenUSD's program usdcat or its Python package usd-core.
-// require_usd_converter() throws Error(usage) that says what to install if neither is available.
+// Read and write binary OpenUSD files. They are converted from and to OpenUSD text by OpenUSD's program
+// usdcat or its Python package usd-core. If neither is available, require_usd_converter() throws Error(usage)
+// with a message that says which program or package to install.
 void require_usd_converter();
 ImportedSplats read_usdc(const std::filesystem::path& path);
 ImportedSplats read_usdc_at(const std::filesystem::path& path, double time);
 void write_usdc(const std::filesystem::path& path, const ImportedSplats& splats);
 void write_usdc_series(const std::filesystem::path& path, const SplatSeries& series);
 
-// Signs of the non-constant spherical harmonics after a half turn about x, which changes the signs of y and
-// z.
+// A rotation of 180 degrees about x changes the signs of y and z. These are the factors by which it
+// multiplies the coefficients of the spherical harmonics of degree 1 to 3.
 inline constexpr float kHalfTurnSigns[15] = {-1, -1, 1, -1, 1, 1, -1, 1, -1, 1, -1, -1, 1, -1, 1};
 
 inline constexpr std::size_t kMaxDeflateRatio = 1032;  // maximum compression ratio of deflate
-// The following functions are in inflate.cpp. They decompress at most `limit` bytes; it is an error if there
-// are more, or if the data are damaged.
+// The following functions are defined in inflate.cpp. The inflate functions throw Error(data) if the data are
+// damaged, or if the decompressed data have more than `limit` bytes.
 std::vector<std::byte> inflate_gzip(std::span<const std::byte> packed, std::size_t limit,
                                     const std::string& name);
-// Returns the first `size` bytes, or fewer if there are no more.
+// Returns the first `size` decompressed bytes, or all of them if there are fewer.
 std::vector<std::byte> inflate_gzip_start(std::span<const std::byte> packed, std::size_t size,
                                           const std::string& name);
 std::vector<std::byte> inflate_raw(std::span<const std::byte> packed, std::size_t limit,
                                    const std::string& name);  // raw deflate data
 std::vector<std::byte> deflate_gzip(std::span<const std::byte> plain);
-// Compresses quickly to zlib format, using only runs of equal bytes. Used for filtered rows of PNG.
+// Compresses to zlib format. Only runs of equal bytes are compressed, which is fast and suits the filtered
+// rows of PNG.
 std::vector<std::byte> deflate_runs(std::span<const std::byte> plain);
 std::vector<std::byte> inflate_zstd(std::span<const std::byte> packed, std::size_t size,
                                     const std::string& name);
@@ -130,9 +141,10 @@ inline std::uint64_t spread_bits(std::uint64_t v) {
 // comment. A malformed comment is an error.
 std::array<double, 3> offset_comment(std::span<const std::string> comments, const std::string& name);
 // Returns whether comments of a PLY file say that the splats were trained with antialiasing
-// ("SplatRenderMode: mip" of Brush and gsplat, "antialiased 1" of Postshot), and adds a note to the report.
-// If there are several such comments, the last one counts.
+// ("SplatRenderMode: mip" of Brush and gsplat, "antialiased 1" of Postshot). If so, adds a note to the
+// report. If there are several such comments, the last one counts.
 bool antialias_comment(std::span<const std::string> comments, LoadReport& report);
+// Returns the comment that offset_comment() reads.
 std::string make_offset_comment(const std::array<double, 3>& offset);
 
 inline float sigmoid_of(float logit) { return 1.0f / (1.0f + std::exp(-logit)); }

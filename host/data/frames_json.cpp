@@ -18,7 +18,8 @@ namespace fs = std::filesystem;
 
 namespace {
 
-// Returns rows 0..2 of a rigid motion, read from 4x4 or 3x4 nested arrays.
+// Returns the first three rows of a rigid motion, which the JSON stores as an array of three or four rows
+// with four numbers each.
 std::array<double, 12> read_matrix(const Node& frame, const char* key) {
   if (!frame.has(key)) fail(ErrorKind::data, "{}: '{}' is missing", frame.where, key);
   const Json& rows = frame.json[key];
@@ -56,7 +57,7 @@ std::optional<double> focal_length(const Node& frame, const Node& file, const ch
     if (node->has(angle_key)) {
       const double angle = node->number(angle_key);
       if (!(angle > 0 && angle < 3.14159))
-        fail(ErrorKind::data, "{}: '{}' = {} must lie between 0 and pi", node->where, angle_key, angle);
+        fail(ErrorKind::data, "{}: '{}' = {} must be between 0 and pi", node->where, angle_key, angle);
       return extent / (2.0 * std::tan(angle / 2.0));
     }
   }
@@ -94,7 +95,8 @@ std::array<double, 3> Node::vector(const char* key) const {
 
 namespace {
 
-constexpr char kMarker = '\1';  // first character of a string that replaces a word which JSON does not allow
+// First character of a string that replaces a word which JSON does not allow, such as NaN.
+constexpr char kMarker = '\1';
 
 // Returns the text with every NaN and Infinity replaced by a marked string. Python's json module writes these
 // words, but JSON does not allow them.
@@ -122,13 +124,14 @@ std::string with_marked_nan(const std::string& text) {
 // Throws if `json` is or contains a marked string; `field` is the name of the member that holds it.
 void refuse_marked(const Json& json, const std::string& field, const std::string& where) {
   if (json.is_string() && json.get_ref<const std::string&>().starts_with(kMarker))
-    fail(ErrorKind::data, "{}: '{}' has the value {}, which is not a number", where, field,
+    fail(ErrorKind::data, "{}: '{}' has the value {}, which is not a finite number", where, field,
          json.get_ref<const std::string&>().substr(1));
   if (!json.is_structured()) return;
   for (const auto& [key, value] : json.items()) refuse_marked(value, field.empty() ? key : field, where);
 }
 
-// Throws Error(data) that names frame and field if the text is valid JSON except for NaN and Infinity.
+// If the text is valid JSON except for NaN and Infinity, throws Error(data) with a message that names the
+// frame and the field. `list` is the name of the array that contains the frames.
 void refuse_nan(const std::string& text, const std::string& name, const char* list) {
   Json json;
   try {
@@ -169,8 +172,9 @@ Node frame_node(const Json& file, std::size_t index, const std::string& path) {
   return {file["frames"][index], fmt::format("{}: frame {}", path, index)};
 }
 
-// Converts camera-to-world with OpenGL axes (y up, z backward) to world-to-camera with COLMAP axes (y down, z
-// forward): negate columns 1 and 2, then invert. The inverse of a rotation is its transpose.
+// The file stores a camera-to-world matrix with OpenGL axes (y up, z backward). This function computes the
+// world-to-camera pose with COLMAP axes (y down, z forward). It negates columns 1 and 2, then inverts the
+// matrix. The inverse of a rotation is its transpose.
 void set_pose(Camera& camera, const Node& frame) {
   const std::array<double, 12> m = read_matrix(frame, "transform_matrix");
   for (std::size_t axis = 0; axis < 3; ++axis) {
@@ -212,9 +216,8 @@ std::optional<ImageSize> stated_size(const Node& frame, const Node& file, const 
   return ImageSize{static_cast<int>(*width), static_cast<int>(*height)};
 }
 
-// `stated` is the size that pixel quantities of the JSON refer to, `actual` the size of the loaded image. If
-// the JSON states a fractional size, pixel quantities refer to that size before it was truncated to whole
-// pixels.
+// See frames_json.hpp. If the JSON states a fractional size, quantities in pixels refer to this fractional
+// size, and not to `stated`, which is a whole number.
 void set_intrinsics(Camera& camera, const Node& frame, const Node& file, ImageSize stated, ImageSize actual) {
   const auto uncut = [&](const char* key, int whole) {
     const double value = lookup(frame, file, key).value_or(whole);

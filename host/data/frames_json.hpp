@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Node gives checked access to the fields of frames in transforms*.json files of Blender, D-NeRF and
-// nerfstudio folders. Other functions of this file read poses, intrinsics and names. The loaders of this
-// folder and the reader of camera keyframes use them.
+// Node gives checked access to the fields of frames in the transforms*.json files of Blender, D-NeRF and
+// nerfstudio data folders. The other functions of this file read poses, intrinsics and names. The loaders of
+// host/data and the reader of camera keyframes use them.
 #pragma once
 
 #include <array>
@@ -18,7 +18,7 @@
 
 namespace ubs::frames {
 
-// A JSON object, and the text that locates it in error messages.
+// Node refers to a JSON object and holds the text that locates it in error messages.
 struct Node {
   const Json& json;
   std::string where;
@@ -29,17 +29,19 @@ struct Node {
   std::array<double, 3> vector(const char* key) const;  // throws unless it is three finite numbers
 };
 
-// Reads a JSON file. Throws unless it is an object with a non-empty array `list` of objects.
+// Reads a JSON file. Throws unless its top level is an object with a non-empty array `list` of objects.
 Json parse_file(const std::filesystem::path& path, const char* list = "frames");
+// Returns the frame with number `index`.
 Node frame_node(const Json& file, std::size_t index, const std::string& path);
 
-// Reads the pose. Converts camera-to-world with OpenGL axes (y up, z backward) to world-to-camera with COLMAP
-// axes (y down, z forward).
+// Reads the pose from "transform_matrix", which is a camera-to-world matrix with OpenGL axes (y up, z
+// backward), and converts it to a world-to-camera pose with COLMAP axes (y down, z forward).
 void set_pose(Camera& camera, const Node& frame);
-// Reads "world_to_camera", which has COLMAP axes, without conversion.
+// Reads the pose from "world_to_camera", which is a world-to-camera matrix with COLMAP axes, so it is not
+// converted.
 void set_world_to_camera(Camera& camera, const Node& frame);
 
-// Returns a value of the frame, or that of the whole file if the frame does not have it.
+// Returns the number `key` of the frame, or that of the top level of the file if the frame does not have it.
 std::optional<double> lookup(const Node& frame, const Node& file, const char* key);
 
 // Returns "w" and "h" if both are present. They may be fractional (such as 633.6), because Blender exporters
@@ -47,12 +49,14 @@ std::optional<double> lookup(const Node& frame, const Node& file, const char* ke
 // is returned if the file exists and differs by less than a pixel.
 std::optional<ImageSize> stated_size(const Node& frame, const Node& file, const std::filesystem::path& image);
 
-// `stated` is the size that pixel quantities of the JSON refer to, `actual` the size of the loaded image.
+// Sets the image size, the focal lengths and the principal point. `stated` is the image size that quantities
+// in pixels of the JSON refer to, and `actual` is the size of the loaded image.
 void set_intrinsics(Camera& camera, const Node& frame, const Node& file, ImageSize stated, ImageSize actual);
 
-// Returns the file that the view is named after: the file of the frame, or the last component of its stated
-// name if no file was found.
+// Returns the path that the view is named after. This is `found`, the path of the image, or the last
+// component of `stated`, the name in the JSON, if the image was not found.
 std::filesystem::path shown_name(const std::filesystem::path& found, const std::string& stated);
-std::string frame_name(const std::string& file_path);  // without folder and extension
+// Returns the file name without folder and image extension.
+std::string frame_name(const std::string& file_path);
 
 }  // namespace ubs::frames

@@ -12,8 +12,8 @@
 namespace ubs {
 namespace {
 
-// Returns the row of coefficient k of channel c. The constant terms of all channels come first, then the
-// other terms of each channel.
+// Returns the parameter row of the spherical-harmonics coefficient k of colour channel c. The constant
+// coefficients of all channels come first, then the other coefficients of each channel.
 int harmonic_row(const ParameterLayout& l, std::size_t c, std::size_t k) {
   const std::size_t others = static_cast<std::size_t>(l.variant.harmonics()) - 1;
   return l.rgb + static_cast<int>(k == 0 ? c : 3 + c * others + k - 1);
@@ -92,7 +92,7 @@ bool is_gaussian_model(const SplatModel& model) {
 
 ImportedSplats to_imported_splats(const SplatModel& model) {
   const ParameterLayout l = model.layout();
-  if (l.query > 0) fail(ErrorKind::internal, "to_imported_splats: N = {}", model.dim);
+  if (l.query > 0) fail(ErrorKind::internal, "to_imported_splats: N is {}, but must be 3", model.dim);
   ImportedSplats out;
   out.kernel = model.variant.kernel;
   out.lobes = model.variant.lobes();

@@ -21,7 +21,8 @@ int degree_of_rest(std::size_t rest, const std::string& name) {
   fail(ErrorKind::data, "{}: {} f_rest_* properties: expected 0, 9, 24, 45 or 72", name, rest);
 }
 
-// Property names for the constant and the other harmonics; 3DGS and DBS files use different ones.
+// Names holds the prefixes of the property names of the constant and of the other spherical harmonics. 3DGS
+// and DBS files use different prefixes.
 struct Names {
   std::string dc, rest;
 };
@@ -29,8 +30,9 @@ Names names_of(SpatialKernel kernel) {
   return kernel == SpatialKernel::beta ? Names{"sh0_", "shN_"} : Names{"f_dc_", "f_rest_"};
 }
 
-// Returns the number of lobes per splat of a DBS file. Only 1 to 3 lobes with harmonics of degree 0, which
-// are the default of DBS, can be rendered here. For other files with lobes, adds a note and returns 0.
+// Returns the number of spherical Beta lobes per splat of a DBS file, which stores `values` lobe parameters
+// per splat. ubs can only render 1 to 3 lobes with spherical harmonics of degree 0, which is the default of
+// DBS. For other files with lobes, adds a note and returns 0.
 int lobes_of(std::size_t values, ImportedSplats& splats) {
   if (values == 0) return 0;
   if (values % 6 == 0 && values <= 18 && splats.sh_degree == 0) return static_cast<int>(values / 6);
@@ -58,7 +60,7 @@ class Columns {
     return properties_.size() - 1;
   }
 
-  // Reads all rows; the stream is then after the last row.
+  // Reads all rows. Afterwards the position of the stream is after the last row.
   void read(std::ifstream& stream) {
     table_.resize(properties_.size() * header_.count);
     std::vector<float*> rows;
@@ -77,18 +79,21 @@ class Columns {
   std::vector<float> table_;
 };
 
-// Returns whether the type holds more than the 24 bits of a float32. Georeferenced coordinates need more.
+// Returns whether numbers of this type can have more significant bits than the 24 of a float32. Georeferenced
+// coordinates need more.
 bool finer_than_float(PlyType type) {
   return type == PlyType::float64 || type == PlyType::int32 || type == PlyType::uint32;
 }
 
-// Columns that other methods add to those of 3DGS, and a message for files that contain them.
+// KnownColumns describes columns that another method adds to those of 3DGS. `one` is the name of one of these
+// columns, and `meaning` is the note for files that contain it.
 struct KnownColumns {
   const char* one;
   const char* meaning;
 };
 constexpr KnownColumns kKnownColumns[] = {
-    {"motion_0", "these are splats of SpacetimeGaussians, whose motion is not supported: they do not move"},
+    {"motion_0",
+     "these are splats of SpacetimeGaussians, whose motion is not supported: all splats are static"},
     {"filter_3D",
      "these are splats of Mip-Splatting, whose 3D filter is ignored: use the file that its script "
      "create_fused_ply.py writes, which includes the filter"},
@@ -125,7 +130,7 @@ bool antialias_comment(std::span<const std::string> comments, LoadReport& report
       report.note(fmt::format("the comment '{}' is ignored, because its render mode is unknown",
                               comment.substr(0, 80)));
   }
-  if (antialiased) report.note("trained with antialiasing");
+  if (antialiased) report.note("the splats were trained with antialiasing");
   return antialiased;
 }
 
@@ -200,9 +205,9 @@ ImportedSplats read_gaussian_ply(const fs::path& path) {
   }
   splats.report.layout = dbs ? "DBS PLY" : "3DGS PLY";
   splats.report.folder = name;
-  if (splats.sh_degree > 3) splats.report.note("harmonics of degree 4 are dropped");
+  if (splats.sh_degree > 3) splats.report.note("spherical harmonics of degree 4 are dropped");
   const std::vector<const PlyProperty*> used = columns.properties();
-  // In ascii files, coordinates may have more digits than the type in the header can hold.
+  // In ASCII files, coordinates may have more digits than the type in the header can hold.
   if (header.ascii ||
       std::ranges::any_of(used.begin(), used.begin() + 3, finer_than_float, &PlyProperty::type)) {
     std::array<std::vector<double>, 3> coordinates;
@@ -229,7 +234,7 @@ void write_gaussian_ply(const fs::path& path, const ImportedSplats& splats) {
   std::string header = "ply\nformat binary_little_endian 1.0\n";
   if (splats.offset != std::array<double, 3>{})
     header += "comment " + make_offset_comment(splats.offset) + "\n";
-  if (splats.antialiased)  // as Brush and gsplat write it, and as Postshot does
+  if (splats.antialiased)  // the first comment is that of Brush and gsplat, the second that of Postshot
     header += "comment SplatRenderMode: mip\ncomment antialiased 1\n";
   header += fmt::format("element vertex {}\n", splats.count());
   const auto property = [&header](const std::string& p) { header += "property float " + p + "\n"; };

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // Reads and writes binary glTF 2.0 with KHR_gaussian_splatting (kernel "ellipse"); see foreign_formats.hpp. A
-// file has a header, a chunk of JSON and a chunk of numbers. The format stores scales and opacities linearly,
-// not as logarithms and logits; quaternions as x y z w; and each harmonic as a VEC3 of the three channels.
+// file has a header, a chunk of JSON and a chunk of numbers. The format stores scales and opacities
+// themselves, and not their logarithms and logits. The order of quaternions is x y z w. Each coefficient of
+// the spherical harmonics is a VEC3 with the values of the three colour channels.
 #include <algorithm>
 #include <array>
 #include <bit>
@@ -23,7 +24,8 @@ constexpr std::uint32_t kGlbMagic = 0x46546c67, kJsonChunk = 0x4e4f534a, kBinChu
 constexpr const char* kSplatting = "KHR_gaussian_splatting";
 constexpr int kFloat = 5126;
 constexpr std::size_t kLeastSplatBytes = 14;
-// Tolerance of node transforms that should be the identity: a few float32 steps at 1.
+// A node transform is treated as the identity if its numbers differ by at most this much from those of the
+// identity. This allows a few rounding errors of float32 numbers near 1.
 constexpr double kNodeRounding = 1e-6;
 
 std::string sh_name(int degree, int order) {
@@ -35,7 +37,8 @@ std::string attribute(const char* name) { return fmt::format("{}:{}", kSplatting
 
 class GlbWriter {
  public:
-  // Adds an accessor, in which number k of splat i is at(i, k), and returns its index.
+  // Adds an accessor with `width` numbers per splat and returns its index. Number k of splat i is at(i, k).
+  // With `bounds`, the minimum and the maximum of each number are stored too.
   template <typename At>
   std::size_t add(std::size_t count, std::size_t width, At at, bool bounds = false) {
     const std::size_t begin = bytes_.size();
@@ -151,7 +154,7 @@ std::vector<float> read_accessor(const GlbFile& glb, std::size_t index, std::siz
   const Json& accessor = glb.json.at("accessors").at(index);
   if (accessor.contains("sparse")) fail(ErrorKind::data, "{}: sparse accessors are not supported", name);
   if (accessor.at("count").get<std::size_t>() != count)
-    fail(ErrorKind::data, "{}: accessor {} has a different number of splats than the first", name, index);
+    fail(ErrorKind::data, "{}: accessor {} has a different number of splats than POSITION", name, index);
   const char* const type = width == 1 ? "SCALAR" : width == 3 ? "VEC3" : "VEC4";
   if (accessor.at("type").get<std::string>() != type)
     fail(ErrorKind::data, "{}: accessor {} is not of the type {}", name, index, type);
@@ -212,8 +215,8 @@ void check_opacities(std::span<const float> opacities, const std::string& where)
          range_text(opacities));
 }
 
-// Adds a note that names the attributes that are not used. COLOR_0 is not named: it only serves viewers that
-// do not support the extension.
+// Adds a note that names the attributes that are not used. COLOR_0 is not named, because it is only meant for
+// viewers that do not support the extension.
 void note_unused(const Json& attributes, int sh_degree, LoadReport& report) {
   std::vector<std::string> used{"POSITION", "COLOR_0", attribute("ROTATION"), attribute("SCALE"),
                                 attribute("OPACITY")};
@@ -225,9 +228,9 @@ void note_unused(const Json& attributes, int sh_degree, LoadReport& report) {
   if (!others.empty()) report.note(fmt::format("attributes that are not used: {}", list_names(others)));
 }
 
-// `before` is the number of splats in the primitives before this one. Each splat has 14 numbers of at least
-// one byte, and primitives do not share data. This bounds the number of splats by the file size, so a small
-// damaged file cannot claim a huge number.
+// Reads one primitive. `before` is the number of splats in the primitives before this one. Each splat has 14
+// numbers of at least one byte, and primitives do not share data. So the file size limits the number of
+// splats, and a small damaged file that states a huge number is rejected.
 ImportedSplats read_primitive(const GlbFile& glb, const Json& primitive, std::size_t before,
                               const std::string& name) {
   const Json& attributes = primitive.at("attributes");
@@ -286,8 +289,8 @@ void require_neutral(const char* key, const std::array<double, N>& values,
       fail(ErrorKind::data, "{}: a node has a {}, but only translations are supported", name, key);
 }
 
-// Returns the translation of a node. Throws Error(data) if the node rotates or scales. Exporters write
-// rotations, scales and matrices even if they have no effect; these are accepted.
+// Returns the translation of a node. Throws Error(data) if the node rotates or scales. Many exporters write
+// rotations, scales and matrices that have no effect; these are accepted.
 std::array<double, 3> place_of_node(const Json& node, const std::string& name) {
   const auto q = node_numbers<4>(node, "rotation", {0, 0, 0, 1});
   require_neutral("rotation", q, {0, 0, 0, std::copysign(1.0, q[3])}, name);  // -q is the same rotation as q
@@ -297,7 +300,8 @@ std::array<double, 3> place_of_node(const Json& node, const std::string& name) {
   return node_numbers<3>(node, "translation", {m[12], m[13], m[14]});
 }
 
-// Returns the sum of all translations above a mesh; zero if the file has no nodes.
+// Returns the sum of the translations of the node that refers to the mesh and of all nodes above it,
+// converted to the axes of PLY files. Returns zero if no node refers to the mesh.
 std::array<double, 3> place_of_mesh(const Json& json, std::size_t mesh, const std::string& name) {
   std::array<double, 3> place{};
   if (!json.contains("nodes")) return place;
@@ -406,7 +410,7 @@ ImportedSplats parse_glb(std::span<const std::byte> file, const std::string& nam
     fail(ErrorKind::data, "{}: this glTF file has {} primitives, but none with splats ({})", name, without,
          kSplatting);
   if (without > 0) splats->report.note(fmt::format("{} primitives without splats are not used", without));
-  if (animated) splats->report.note("animations are ignored: the splats do not move");
+  if (animated) splats->report.note("animations are ignored: the splats are static");
   splats->report.layout = "glTF";
   splats->report.folder = name;
   if (!linear.empty())

@@ -20,10 +20,11 @@ void check(std::span<const float> pixels, int width, int height, const std::file
          width, height, pixels.size());
   const auto bad = std::ranges::find_if(pixels, [](float v) { return !std::isfinite(v); });
   if (bad != pixels.end())
-    fail(ErrorKind::numerical, "{}: not written: pixel {} is {}", path.string(), bad - pixels.begin(), *bad);
+    fail(ErrorKind::numerical, "{}: the image is not written, because pixel {} is {}", path.string(),
+         bad - pixels.begin(), *bad);
 }
 
-// Writes round(scale * (value - low)).
+// Writes the samples round(scale * (value - low)), clamped to the range of the type.
 template <typename Sample>
 void save(const std::filesystem::path& path, std::span<const float> pixels, int width, int height, float low,
           float scale) {

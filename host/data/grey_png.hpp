@@ -11,11 +11,11 @@ struct GreyRange {
   float low = 0, high = 0;
 };
 
-// Writes (H, W) values, clamped to [0, 1] and rounded to 8 bits.
+// Writes an image of (H, W) values, which are clamped to [0, 1] and rounded to 8 bits.
 void save_png_grey8(const std::filesystem::path& path, std::span<const float> pixels, int width, int height);
 
-// Writes (H, W) values with the range of the image mapped to 0 .. 65535, and returns that range. A constant
-// image becomes black.
+// Writes an image of (H, W) values with 16 bits per pixel. Their minimum is mapped to 0 and their maximum to
+// 65535. Returns the minimum and the maximum. A constant image becomes black.
 GreyRange save_png_grey16(const std::filesystem::path& path, std::span<const float> pixels, int width,
                           int height);
 

@@ -13,7 +13,8 @@ namespace ubs {
 namespace {
 
 std::uint8_t quantise(float value, std::size_t index) {
-  if (!std::isfinite(value)) fail(ErrorKind::numerical, "image sample {} is {}", index, value);
+  if (!std::isfinite(value))
+    fail(ErrorKind::numerical, "sample {} of the image is {}, which is not finite", index, value);
   return static_cast<std::uint8_t>(std::clamp(value, 0.0f, 1.0f) * 255.0f + 0.5f);
 }
 

@@ -18,7 +18,7 @@ struct ImageSize {
   bool operator==(const ImageSize&) const = default;
 };
 
-// Maximum number of pixels of a file; OpenCV has the same limit.
+// Maximum number of pixels of an image file that is decoded. OpenCV has the same limit.
 inline constexpr std::size_t kMaxDecodedPixels = std::size_t{1} << 30;
 
 inline std::size_t sample_count(int width, int height, int channels) {
@@ -29,25 +29,26 @@ inline std::size_t sample_count(int width, int height, int channels) {
 // Returns floor(size / factor + 0.5), at least 1.
 int downscaled(int size, int factor);
 
-// Returns the size in the file, before any reduction (image_info.hpp).
+// Returns the size of the image as stored in the file, before any reduction (image_info.hpp).
 ImageSize image_file_size(const std::filesystem::path& path);
 
-// Loads an image at the size of the file: 8- or 16-bit grey, RGB or RGBA, or float (EXR: linear light,
-// converted to sRGB). 16-bit samples are converted with full precision: v / 65535 if they are composited,
-// otherwise round(v / 257).
+// Loads an image without reducing it. The file may contain grey, RGB or RGBA pixels with 8 or 16 bits per
+// sample, or floating-point samples (EXR), which are converted from linear light to sRGB. Samples v with 16
+// bits are converted to v / 65535 if the image has an alpha channel, so that it is composited on the
+// background, and otherwise to round(v / 257).
 Image8 load_image(const std::filesystem::path& path, const std::array<double, 3>& background = {0, 0, 0});
 
 // Loads a mask file with 8 or 16 bits as a grey image. Its values are the alpha channel of the file, or the
 // brightest channel if alpha is 1 everywhere. Throws Error(data) unless the mask has the aspect ratio of
 // `image`; it may have the size of the full image if `image` is reduced.
 Image8 load_mask_image(const std::filesystem::path& path, const Image8& image);
-// Sets image.mask from a mask image that was undistorted and reduced like the image itself. A pixel counts if
-// it is at least half white.
+// Sets image.mask from a mask image that was undistorted and reduced like the image itself. A pixel is used
+// if the value of the mask is at least 128.
 void set_mask(Image8& image, const Image8& mask);
 
-// Makes an image from float pixels, clamped to [0,1] and rounded to 8 bits. NaN and infinity are an error,
-// not a black pixel.
-Image8 image_from_interleaved(std::span<const float> pixels, int width, int height);  // (H, W, 3)
+// Makes an image from (H, W, 3) float samples, which are clamped to [0, 1] and rounded to 8 bits. Throws if a
+// sample is not finite.
+Image8 image_from_interleaved(std::span<const float> pixels, int width, int height);
 
 void save_png(const std::filesystem::path& path, const Image8& image, FileUse use = FileUse::result);
 void save_png_interleaved(const std::filesystem::path& path, std::span<const float> pixels, int width,

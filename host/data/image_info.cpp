@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// See image_info.hpp. A JPEG file is a chain of segments: FF xx, length (2 bytes, big-endian, includes
-// itself), body. SOFn contains the image size; APP1 "Exif" contains a TIFF directory with the orientation.
+// See image_info.hpp. A JPEG file is a chain of segments. A segment consists of two bytes FF xx, its length
+// (2 bytes, big-endian, which includes these two bytes) and its body. The segments SOFn contain the image
+// size, and the segment APP1 "Exif" contains a TIFF directory with the orientation.
 #include "host/data/image_info.hpp"
 
 #include <cstdint>
@@ -20,8 +21,8 @@ std::uint32_t big32(const unsigned char* at) {
   return static_cast<std::uint32_t>(big16(at)) << 16 | static_cast<std::uint32_t>(big16(at + 2));
 }
 
-// Reads a number of `bytes` (2 or 4) bytes at `offset` of a TIFF block. Returns 0 if it is not inside the
-// block.
+// Returns the number that is stored in `bytes` (2 or 4) bytes at `offset` of a TIFF block. Returns 0 if these
+// bytes are not inside the block.
 std::uint32_t tiff_number(const std::vector<unsigned char>& tiff, std::size_t offset, int bytes, bool big) {
   if (offset + static_cast<std::size_t>(bytes) > tiff.size()) return 0;
   std::uint32_t value = 0;
@@ -47,7 +48,8 @@ int exif_orientation(const std::vector<unsigned char>& segment) {
   return 1;
 }
 
-// Returns false if the file is not a JPEG or its chain of segments breaks before a size is found.
+// Reads the size and the orientation of a JPEG file. Returns false if the file is not a JPEG, or if its chain
+// of segments is damaged before a size is found.
 bool jpeg_info(std::ifstream& stream, ImageInfo& info) {
   unsigned char head[4] = {};
   stream.read(reinterpret_cast<char*>(head), 2);
@@ -69,7 +71,7 @@ bool jpeg_info(std::ifstream& stream, ImageInfo& info) {
   return false;
 }
 
-// Returns whether a chunk before the pixels makes a colour transparent. The chunks follow the signature.
+// Returns whether a PNG file has a chunk tRNS, which makes a colour transparent, before the pixels.
 bool png_has_clear_colour(std::ifstream& stream) {
   constexpr std::streamoff kSignature = 8, kChecksum = 4;
   unsigned char head[8] = {};
@@ -95,7 +97,8 @@ bool png_info(std::ifstream& stream, const std::string& name, ImageInfo& info) {
   return true;
 }
 
-// Common image formats that this program cannot decode, recognised by bytes at an offset in the file.
+// UnreadFormat describes a common image format that ubs cannot decode. It is recognised by `bytes`, which are
+// at the offset `at` of the file.
 struct UnreadFormat {
   std::size_t at;
   std::string_view bytes;

@@ -14,15 +14,15 @@ namespace ubs {
 
 struct ImageInfo {
   ImageSize size;
-  // EXIF tag 0x0112 of a JPEG file; 1: upright. ubs reports it, but never applies it.
+  // EXIF tag 0x0112 of a JPEG file; 1 means upright. ubs reports the tag, but never rotates the image.
   int orientation = 1;
-  bool opaque = false;  // has no alpha, and no transparent colour (PNG)
+  bool opaque = false;  // the file has neither an alpha channel nor a transparent colour (PNG)
 };
 
 ImageInfo image_file_info(const std::filesystem::path& path);
 
-// Throws Error(data) that names the format if the first bytes of a file are those of an unsupported format,
-// such as AVIF, HEIC or GIF.
+// Throws Error(data) if the first bytes of a file are those of a known format that is not supported, such as
+// AVIF, HEIC or GIF. The message contains the name of the format.
 void refuse_unread_format(std::string_view head, const std::string& name);
 
 // Decodes the file to get its properties; used for formats whose header is not read here.

@@ -25,12 +25,13 @@ bool is_exr(std::span<const std::byte> bytes) {
   return bytes.size() >= sizeof kMagic && std::memcmp(bytes.data(), kMagic, sizeof kMagic) == 0;
 }
 
-// Decodes a file to 8 or 16 bits or float, with 1, 3 or 4 channels in the order B, G, R(, A). Orientation
-// tags are ignored, as in the published loader (Pillow's Image.open), because the cameras of every data set
-// describe the stored pixels.
+// Decodes an image file to samples with 8 bits, 16 bits or float. The result has 1, 3 or 4 channels; the
+// order of several channels is B, G, R and, if there are four, A. Orientation tags are ignored, as in the
+// loader of the published code (Pillow's Image.open), because the cameras of every data set describe the
+// stored pixels.
 cv::Mat decode_image_file(const std::filesystem::path& path) {
   const std::vector<std::byte> bytes = read_file(path);
-  if (bytes.empty()) fail(ErrorKind::data, "{}: empty file", path.string());
+  if (bytes.empty()) fail(ErrorKind::data, "{}: the image is an empty file", path.string());
   cv::Mat image;
   try {
     if (is_jpeg(bytes)) {
@@ -39,7 +40,7 @@ cv::Mat decode_image_file(const std::filesystem::path& path) {
     }
     if (is_png(bytes)) return decode_png(bytes, path.string());
     refuse_unread_format({reinterpret_cast<const char*>(bytes.data()), bytes.size()}, path.string());
-    // Programs that use libubs may not have set this variable.
+    // The program ubs sets this environment variable, but other programs that use libubs may not.
     if (is_exr(bytes) && environment("OPENCV_IO_ENABLE_OPENEXR").empty())
       fail(ErrorKind::data,
            "{}: OpenCV's decoder of EXR images is disabled in this process: set OPENCV_IO_ENABLE_OPENEXR=1 "
@@ -53,7 +54,8 @@ cv::Mat decode_image_file(const std::filesystem::path& path) {
   }
   if (image.empty())
     fail(ErrorKind::data, "{}: cannot decode: unknown format or damaged file", path.string());
-  // Float files other than EXR do not say whether their values are linear light.
+  // Files with floating-point samples are only supported as EXR, because other formats do not state whether
+  // the values are linear light.
   const bool exr = path.extension() == ".exr" || path.extension() == ".EXR";
   if (image.depth() != CV_8U && image.depth() != CV_16U && !(exr && image.depth() == CV_32F))
     fail(ErrorKind::data, "{}: only 8- and 16-bit images and EXR are supported", path.string());
@@ -65,9 +67,9 @@ cv::Mat decode_image_file(const std::filesystem::path& path) {
 std::uint8_t to_8_bit(std::uint8_t v) { return v; }
 std::uint8_t to_8_bit(std::uint16_t v) { return static_cast<std::uint8_t>((v + 128) / 257); }
 
-// Composites an image on the background. OpenCV stores B, G, R(, A). Double precision reproduces the
-// published arithmetic: v / 255 * 255 truncates back to v for every v (checked), so opaque pixels keep their
-// value.
+// Composites an image on the background. OpenCV stores the channels in the order B, G, R, A. The computation
+// uses double precision like the published code. Then v / 255 * 255 truncates to v for every v from 0 to
+// 255, so the colours of opaque pixels do not change.
 template <typename Sample>
 Image8 composite(const cv::Mat& image, const std::array<double, 3>& background) {
   constexpr double kMax = std::numeric_limits<Sample>::max();
@@ -96,9 +98,9 @@ double srgb_from_linear(double v) {
   return v <= 0.0031308 ? 12.92 * v : 1.055 * std::pow(v, 1.0 / 2.4) - 0.055;
 }
 
-// Composites a float image (EXR), which contains linear light, premultiplied with alpha. The result equals
-// that of the same render saved as PNG: the straight colour is converted with the sRGB curve and then mixed
-// with the background.
+// Composites a float image (EXR) on the background. Its colours are linear light and premultiplied with
+// alpha. They are divided by alpha, converted with the sRGB curve and then mixed with the background. So the
+// result equals that of the same image saved as PNG.
 Image8 composite_linear(const cv::Mat& image, const std::array<double, 3>& background,
                         const std::string& name) {
   const int channels = image.channels();
@@ -138,13 +140,14 @@ Image8 load_image(const std::filesystem::path& path, const std::array<double, 3>
 Image8 load_mask_image(const std::filesystem::path& path, const Image8& image) {
   const cv::Mat mask = decode_image_file(path);
   if (mask.depth() == CV_32F) fail(ErrorKind::data, "{}: a mask must have 8 or 16 bits", path.string());
-  // A mask of the same aspect ratio is accepted: it may have been made for the full-size images.
+  // A mask that has another size, but the same aspect ratio as the image, is accepted, because it may have
+  // been made for the full-size image.
   const double across = static_cast<double>(mask.cols) / image.width;
   if (std::abs(across - static_cast<double>(mask.rows) / image.height) > 0.01 * across)
     fail(ErrorKind::data, "{}: the mask has {}x{} pixels, but its image has {}x{}", path.string(), mask.cols,
          mask.rows, image.width, image.height);
-  // If alpha is 255 everywhere, use the colours. Use the brightest channel, because only black pixels are
-  // masked.
+  // The mask is the alpha channel. If there is none, or if alpha is 255 everywhere, the mask is the brightest
+  // colour channel, so that only black pixels are masked.
   const int channels = mask.channels(), colours = std::min(channels, 3);
   const auto value = [&](int x, int y, int channel) {
     const int at = x * channels + channel;

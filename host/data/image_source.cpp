@@ -42,7 +42,7 @@ class FileSource : public ImageSource {
   FileImage image_;
 };
 
-// Image source that masks the pixels of a view that the original image does not cover.
+// CoveredSource is an image source that masks the pixels of a view that the original image does not cover.
 class CoveredSource : public ImageSource {
  public:
   CoveredSource(std::shared_ptr<const ImageSource> inner, Undistortion plan)
@@ -75,7 +75,7 @@ class CachedSource : public ImageSource {
       try {
         Image8 image = load_image(file_);
         if (image.width == width_ && image.height == height_) return image;
-        // A damaged cache entry is replaced without a message, because nothing is lost.
+        // A damaged file of the cache is replaced without a message, because nothing is lost.
       } catch (const Error&) {
       }
     }
@@ -125,8 +125,8 @@ std::string cache_name(const std::string& description) {
 std::shared_ptr<const ImageSource> file_image_source(FileImage image, const fs::path& cache_folder) {
   const std::string description = cache_folder.empty() ? "" : describe(image);
   const int width = image.width, height = image.height;
-  // Without undistortion, reading the file again is as fast as reading the cache. A PNG of the cache cannot
-  // store a mask.
+  // Only undistorted images without a mask are cached. Without undistortion, reading the file again is as
+  // fast as reading the cache. The PNG files of the cache cannot store a mask.
   const bool expensive = image.undistortion.has_value() && image.mask.empty();
   const std::optional<Undistortion> plan = image.undistortion;
   std::shared_ptr<const ImageSource> source = std::make_shared<FileSource>(std::move(image));

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // These functions make image sources (ImageSource), which decode the image of a view on demand. The image is
-// composited, undistorted and reduced, in this order. If a cache folder is given, it stores the results, so
-// that the work is done only once.
+// first composited on the background, then undistorted and then reduced. If a cache folder is passed, the
+// results are stored in it, so that this work is done only once.
 #pragma once
 
 #include <array>
@@ -17,23 +17,25 @@ namespace ubs {
 struct FileImage {
   std::filesystem::path path, mask;  // mask may be empty
   std::array<double, 3> background{0, 0, 0};
-  std::optional<Undistortion> undistortion;  // its lens has the size of the file
-  // Size of the delivered image. If it differs, Pillow's bicubic filter resizes the image.
+  std::optional<Undistortion> undistortion;  // for a lens with the size of the image in the file
+  // Size of the image that load() returns. If the image in the file, after undistortion, has another size, it
+  // is resized with Pillow's bicubic filter.
   int width = 0, height = 0;
 };
 
-// Returns a source that reads an image file. Where the file does not cover the undistorted view, the mask
-// excludes the pixels.
+// Returns a source that reads an image file. Pixels of the undistorted view that the file does not cover are
+// masked.
 std::shared_ptr<const ImageSource> file_image_source(FileImage image,
                                                      const std::filesystem::path& cache_folder = {});
 
-// Returns a source that delivers the images of `inner`. It reads them from the PNG `file` if that exists and
-// has the given size; otherwise it writes the file.
+// Returns a source that delivers the image of `inner`. If the PNG `file` exists and has the given size, the
+// image is read from it; otherwise the image is loaded from `inner` and written to `file`.
 std::shared_ptr<const ImageSource> cached_image_source(std::shared_ptr<const ImageSource> inner,
                                                        const std::filesystem::path& file, int width,
                                                        int height);
 
-// Returns a name for a file of the cache folder: a hash of everything that determines its pixels.
+// Returns the name of a file in the cache folder. It is a hash of `description`, which must contain
+// everything that determines the pixels of the image.
 std::string cache_name(const std::string& description);
 
 // Returns "path|size|modification time", which changes when the file changes.

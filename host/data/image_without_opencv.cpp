@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // This file replaces the functions that use OpenCV in a build without OpenCV (UBS_OPENCV=OFF). Such a build
-// can read packed data sets. The functions that would decode images or videos throw an error that says what
-// they need.
+// can read packed data sets. align_cameras() and triangulate() return an empty result; the other functions
+// throw an error which says that the program was built without OpenCV.
 #include <span>
 #include <vector>
 

@@ -11,9 +11,9 @@
 namespace ubs {
 namespace {
 
-constexpr float kMaxLogScale = 40;  // e^40 = 2e17, whose square still fits into float32
-// Beyond this ratio of distance to size, float32 rounds visibly. load_dataset.cpp has the same limit for data
-// folders.
+constexpr float kMaxLogScale = 40;  // e^40 is 2e17, and its square can still be represented in float32
+// If the splats are farther from the origin than this multiple of their extent, rounding positions to float32
+// becomes visible. load_dataset.cpp has the same limit for data folders.
 constexpr double kFarSplats = 256;
 
 template <typename Array>
@@ -21,25 +21,25 @@ bool finite(const Array& values) {
   return std::ranges::all_of(values, [](float v) { return std::isfinite(v); });
 }
 
-// Returns why the splat cannot be rendered, or null if it can.
+// Returns the reason why the splat cannot be rendered, or null if it can be rendered.
 const char* fault(const ImportedSplats& s, std::size_t i) {
-  if (!finite(s.positions[i])) return "position not finite";
+  if (!finite(s.positions[i])) return "the position is not finite";
   if (!std::ranges::all_of(s.log_scales[i], [](float v) { return v < kMaxLogScale; }))  // also false for NaN
-    return "scale not finite or out of range";
+    return "a scale is not finite or out of range";
   float norm = 0;
   for (const float q : s.rotations[i]) norm += q * q;
-  if (!(norm > 1e-20f) || !std::isfinite(norm)) return "rotation is not a quaternion";
-  if (std::isnan(s.opacity_logits[i])) return "opacity not finite";
+  if (!(norm > 1e-20f) || !std::isfinite(norm)) return "the rotation is not a quaternion";
+  if (std::isnan(s.opacity_logits[i])) return "the opacity is not a number";
   const auto tame = [i](const std::vector<float>& all, std::size_t n) {
     return std::ranges::all_of(std::span(all).subspan(i * n, n), [](float v) { return std::abs(v) < 1e6f; });
   };
   if (!tame(s.sh, 3 * s.coefficients()) || !tame(s.sb, s.lobe_values()))
-    return "colour not finite or out of range";
-  if (!s.betas.empty() && !(std::abs(s.betas[i]) < 20)) return "beta not finite or out of range";
+    return "a colour is not finite or out of range";
+  if (!s.betas.empty() && !(std::abs(s.betas[i]) < 20)) return "beta is not finite or out of range";
   return nullptr;
 }
 
-// Raises the degree by adding harmonics that are zero.
+// Raises the degree of the spherical harmonics by adding coefficients that are 0.
 void raise_degree(ImportedSplats& s, int degree) {
   const std::vector<float> old = std::move(s.sh);
   const std::size_t before = 3 * s.coefficients();
@@ -129,7 +129,7 @@ void place(ImportedSplats& splats, const std::array<std::vector<double>, 3>& coo
   }
   if (far)
     splats.report.note(
-        fmt::format("far from the origin: coordinates are relative to ({:.0f}, {:.0f}, {:.0f})",
+        fmt::format("splats far from the origin: coordinates are relative to ({:.0f}, {:.0f}, {:.0f})",
                     splats.offset[0], splats.offset[1], splats.offset[2]));
 }
 

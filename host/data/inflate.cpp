@@ -12,13 +12,13 @@
 namespace ubs {
 namespace {
 
-// zlib's parameter windowBits for the largest window: for data with zlib's header, with that of gzip, and
-// without a header.
+// Values of zlib's parameter windowBits for the largest window. The first is for data with a zlib header, the
+// second for data with a gzip header, and the third for data without a header.
 constexpr int kZlibWindow = 15, kGzipWindow = 15 + 16, kRawWindow = -15;
 constexpr std::size_t kBlock = std::size_t{1} << 20;  // the output grows in steps of this size
 
-// When zlib has used up its input, passes it the next chunk of `rest`. Chunks are needed because zlib counts
-// in 32 bits.
+// Passes the next chunk of `rest` to zlib when zlib has read all of its input. Chunks are needed because zlib
+// stores the length of its input in 32 bits.
 void feed(z_stream& stream, std::span<const std::byte>& rest) {
   if (stream.avail_in > 0) return;
   const auto piece = rest.first(std::min(rest.size(), std::size_t{1} << 30));
@@ -37,8 +37,8 @@ struct Inflater {
   Inflater(const Inflater&) = delete;
 };
 
-// Decompresses at most `limit` bytes. If there is more output, returns its start if `start_only` is set,
-// otherwise throws.
+// Decompresses data. If the output has more than `limit` bytes, returns its first `limit` bytes if
+// `start_only` is set, and throws otherwise.
 std::vector<std::byte> inflate_window(std::span<const std::byte> packed, std::size_t limit, int window,
                                       const std::string& name, bool start_only = false) {
   Inflater inflater(window, name);

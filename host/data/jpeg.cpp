@@ -12,9 +12,10 @@
 namespace ubs {
 namespace {
 
-// Upper limit on pixels per byte, checked because TurboJPEG allocates memory before it decodes. A block of 64
-// samples takes at least one bit, and with the strongest chroma subsampling 1024 pixels have 18 blocks. So no
-// Huffman-coded file has more than 456 pixels per byte.
+// Maximum number of pixels per byte of a file. It is checked because TurboJPEG allocates memory for all
+// pixels before it decodes them. No undamaged file with Huffman coding has more than 456 pixels per byte:
+// with the strongest chroma subsampling, 1024 pixels are stored in 18 blocks of samples, and each block takes
+// at least one bit.
 constexpr std::size_t kMaxJpegPixelsPerByte = 1000;
 
 }  // namespace
@@ -34,12 +35,12 @@ cv::Mat decode_jpeg(std::span<const std::byte> file, const std::string& name) {
   int width = 0, height = 0, subsampling = 0, colours = 0;
   const int read =
       tjDecompressHeader3(decoder.get(), bytes, file.size(), &width, &height, &subsampling, &colours);
-  // If a size was read, -1 means one of two things: a warning, which tjDecompress2 repeats, or a subsampling
-  // that TurboJPEG has no name for but can decode.
+  // If a size was read, the result -1 is not an error. The cause is then a warning, which tjDecompress2
+  // repeats, or a kind of subsampling that TurboJPEG can decode, but has no name for.
   if (width < 1) damaged(read == 0 ? "it contains no image" : tjGetErrorStr2(decoder.get()));
   const std::size_t count = std::size_t(width) * std::size_t(height);
   if (count / kMaxJpegPixelsPerByte > file.size())
-    damaged(fmt::format("{} x {} pixels in {} bytes", width, height, file.size()));
+    damaged(fmt::format("{} x {} pixels cannot be stored in {} bytes", width, height, file.size()));
   if (count > kMaxDecodedPixels)
     fail(ErrorKind::data, "{}: {} x {} pixels are too many: images can have at most {}", name, width, height,
          kMaxDecodedPixels);

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// See lens.hpp. OpenCV has only two of these models (calib3d, fisheye) and puts the origin at the centre of
-// the first pixel, so all formulas are implemented here. Tests compare them with pycolmap and with OpenCV.
+// See lens.hpp. OpenCV supports only two of these models (in its modules calib3d and fisheye), and its origin
+// is the centre of the first pixel, so all formulas are implemented here. Tests compare them with pycolmap
+// and with OpenCV.
 #include "host/data/lens.hpp"
 
 #include <fmt/ranges.h>
@@ -16,9 +17,9 @@ namespace {
 
 using Distort = PlanePoint (*)(const LensCoefficients& k, const PlanePoint& p);
 
-// Solves distort(k, p) = target by Newton's method with a numerical Jacobian. A step is halved until it
-// reduces the residual. Where the polynomial folds (negative determinant), two positions would have the same
-// image; such a solution is rejected.
+// Solves distort(k, p) = target for p by Newton's method with a numerical Jacobian. A step is halved until it
+// reduces the residual. A solution at which the determinant of the Jacobian is negative is rejected: there
+// the polynomial folds, and two values of p have the same target.
 std::optional<PlanePoint> invert(Distort distort, const LensCoefficients& k, const PlanePoint& target) {
   double x = target[0], y = target[1];
   constexpr double kStep = 1e-6;
@@ -51,7 +52,8 @@ std::optional<PlanePoint> invert(Distort distort, const LensCoefficients& k, con
   return PlanePoint{x, y};
 }
 
-// Lenses that distort the plane z = 1. They see only what is in front of the camera.
+// The following two functions are for lenses whose formula distorts positions in the plane z = 1. Such lenses
+// only see points in front of the camera.
 template <Distort distort>
 std::optional<PlanePoint> project_plane(const LensCoefficients& k, const Ray& ray) {
   if (!(ray[2] > 0)) return std::nullopt;
@@ -65,12 +67,13 @@ std::optional<Ray> unproject_plane(const LensCoefficients& k, const PlanePoint& 
   return Ray{(*p)[0], (*p)[1], 1};
 }
 
-// Lenses that distort the equidistant image, in which the distance from the centre is the angle to the
-// optical axis. They see more than half of all directions if their formula is valid beyond 90 degrees.
+// The following two functions are for lenses whose formula distorts positions in the equidistant image, in
+// which the distance from the centre is the angle to the optical axis. Such lenses see more than half of all
+// directions if their formula is valid for angles above 90 degrees.
 template <Distort distort>
 std::optional<PlanePoint> project_angle(const LensCoefficients& k, const Ray& ray) {
   const double r = std::hypot(ray[0], ray[1]);
-  // The point is directly behind the camera: every direction of the image would fit.
+  // The position of a point directly behind the camera is not defined.
   if (r == 0 && !(ray[2] > 0)) return std::nullopt;
   const double ratio = r > 1e-12 * std::abs(ray[2]) ? std::atan2(r, ray[2]) / r : 1 / ray[2];
   return distort(k, {ratio * ray[0], ratio * ray[1]});
@@ -141,9 +144,9 @@ std::optional<Ray> unproject_fov(const LensCoefficients& k, const PlanePoint& po
   return Ray{position[0] * ratio, position[1] * ratio, 1};
 }
 
-// Coefficient k: the ray of the distorted position p is (p, 1 + k |p|^2). With p = s (x, y) this is a
-// quadratic equation for s; of its two solutions the one that tends to 1/z for small k is the image. Negative
-// k reach beyond 90 degrees.
+// Coefficient k: the ray of the distorted position p is (p, 1 + k |p|^2). For the ray (x, y, z), the position
+// is p = s (x, y), where s is a solution of a quadratic equation. Of its two solutions, the one that tends to
+// 1/z for small k is used. If k is negative, the lens can see angles above 90 degrees to its axis.
 std::optional<PlanePoint> project_division(const LensCoefficients& k, const Ray& ray) {
   const auto [x, y, z] = ray;
   const double discriminant = z * z - 4 * k[0] * (x * x + y * y);
@@ -155,14 +158,15 @@ std::optional<PlanePoint> project_division(const LensCoefficients& k, const Ray&
 
 std::optional<Ray> unproject_division(const LensCoefficients& k, const PlanePoint& p) {
   const double bend = k[0] * (p[0] * p[0] + p[1] * p[1]);
-  // For positive k, positions beyond the largest image radius belong to the other solution.
+  // For positive k, positions beyond the largest image radius belong to the other solution of the equation.
   if (!(bend < 1)) return std::nullopt;
   return Ray{p[0], p[1], 1 + bend};
 }
 
 // Coefficients alpha beta (extended unified camera model): position = (x, y) / (alpha d + (1 - alpha) z) with
-// d^2 = beta (x^2 + y^2) + z^2. For alpha > 1/2 the image ends where the position is largest; for smaller
-// alpha it ends where the denominator is 0. In both cases this is the cone z = -w d.
+// d^2 = beta (x^2 + y^2) + z^2. The image ends at the rays with z = -w d. If alpha > 1/2, these are the rays
+// with the largest distance from the image centre; otherwise they are the rays for which the denominator is
+// 0.
 std::optional<PlanePoint> project_eucm(const LensCoefficients& k, const Ray& ray) {
   const auto [x, y, z] = ray;
   const double alpha = k[0], d = std::sqrt(k[1] * (x * x + y * y) + z * z);
@@ -179,13 +183,14 @@ std::optional<Ray> unproject_eucm(const LensCoefficients& k, const PlanePoint& p
   return Ray{p[0], p[1], (1 - alpha * alpha * br2) / (alpha * std::sqrt(square) + 1 - alpha)};
 }
 
-// Longitude and latitude (positive downwards), in radians. The image centre is the forward direction.
+// The position consists of the longitude and the latitude (positive downwards), in radians. The image centre
+// is the forward direction.
 std::optional<PlanePoint> project_equirectangular(const LensCoefficients&, const Ray& ray) {
   return PlanePoint{std::atan2(ray[0], ray[2]), std::atan2(ray[1], std::hypot(ray[0], ray[2]))};
 }
 
 std::optional<Ray> unproject_equirectangular(const LensCoefficients&, const PlanePoint& p) {
-  constexpr double kSlack = 1e-9;  // the borders of the image are part of it
+  constexpr double kSlack = 1e-9;  // tolerance for positions on the borders of the image
   if (std::abs(p[0]) > std::numbers::pi + kSlack || std::abs(p[1]) > std::numbers::pi / 2 + kSlack)
     return std::nullopt;
   return Ray{std::sin(p[0]) * std::cos(p[1]), std::sin(p[1]), std::cos(p[0]) * std::cos(p[1])};
@@ -205,8 +210,9 @@ constexpr LensFormula kDivision{"k", project_division, unproject_division, 1};
 constexpr LensFormula kEucm{"alpha beta", project_eucm, unproject_eucm, 1};
 constexpr LensFormula kEquirectangular{"", project_equirectangular, unproject_equirectangular, -1, true};
 
-// A new model needs a row here, and a formula above unless it shares one. The extra coefficients follow
-// nerfstudio, which reads k1 k2 p1 p2 k3 for all its perspective cameras and k1 to k4 for all its fisheyes.
+// A new model needs a row here, and a formula above unless it shares one. The extra coefficients are those of
+// nerfstudio, which reads k1 k2 p1 p2 k3 for all its perspective cameras and k1 to k4 for all its fisheye
+// cameras.
 constexpr std::string_view kPerspective = "k1 k2 p1 p2 k3", kFisheyeExtra = "k1 k2 k3 k4";
 constexpr LensModel kModels[] = {
     {0, "SIMPLE_PINHOLE", "", "f cx cy", kPerspective, &kOpencv},
@@ -265,7 +271,7 @@ Lens Lens::scaled_to(int new_width, int new_height) const {
 }
 
 bool Lens::set(std::string_view parameter, double value) {
-  // The size of an equirectangular image in pixels covers 360 degrees across and 180 degrees down.
+  // The width of an equirectangular image corresponds to 360 degrees and its height to 180 degrees.
   if (parameter == "w") {
     fx = value / (2 * std::numbers::pi), cx = value / 2;
   } else if (parameter == "h") {

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// lens_models() is the table of the camera models of COLMAP and nerfstudio: their numbers, names and
-// parameters, and their projections with inverses. They are used to resample a distorted image to an ideal
-// pinhole camera of the same focal length, because the rasteriser supports only pinhole cameras.
+// lens_models() returns the table of the camera models of COLMAP and nerfstudio, with their numbers, names,
+// parameters and projections. The projections and their inverses are used to resample a distorted image to an
+// ideal pinhole camera with the same focal length, because the rasteriser supports only pinhole cameras.
 #pragma once
 
 #include <array>
@@ -22,52 +22,60 @@ using LensCoefficients = std::array<double, 12>;
 // the focal length; rays may have any length.
 struct LensFormula {
   std::string_view coefficients;  // names in the order of Lens::k, separated by blanks
-  // nullopt if the lens maps no position to this ray, or if the formula is not defined for it.
+  // Returns the position of a ray, or nullopt if the formula is not defined for this ray.
   std::optional<PlanePoint> (*project)(const LensCoefficients& k, const Ray& ray);
+  // Returns the ray of a position, or nullopt if the lens maps no ray to it.
   std::optional<Ray> (*unproject)(const LensCoefficients& k, const PlanePoint& position);
-  // The camera is a pinhole camera if the first zero_for_pinhole coefficients are 0; -1: it is never one.
+  // The lens is an ideal pinhole camera if this number of coefficients, counted from the first, are 0. If it
+  // is
+  // -1, the lens is never an ideal pinhole camera.
   int zero_for_pinhole;
   bool all_directions = false;  // the image shows all directions, and its left and right borders meet
 };
 
-// LensModel is a row of the table of camera models.
+// LensModel is a row of the table of camera models. Names in a list are separated by blanks.
 struct LensModel {
   int number;                     // number in COLMAP's binary files
-  std::string_view name;          // name in COLMAP's files, and in transforms.json in any case
-  std::string_view json_aliases;  // further names in transforms.json, separated by blanks
-  std::string_view parameters;    // in COLMAP's order: f (both focal lengths), fx fy cx cy, w h, coefficients
-  std::string_view json_extra;    // coefficients that transforms.json may also have
+  std::string_view name;          // name in COLMAP's files; in transforms.json, case is ignored
+  std::string_view json_aliases;  // further names of the model in transforms.json
+  // Names of the parameters in COLMAP's order: focal length (f for both axes, or fx and fy), principal point
+  // cx and cy (or the image size w and h), and coefficients of the formula.
+  std::string_view parameters;
+  std::string_view json_extra;  // further coefficients that transforms.json may contain for this model
   const LensFormula* formula;
 };
 
 struct Lens {
-  const LensFormula* formula = nullptr;   // nullptr: an ideal pinhole camera
+  const LensFormula* formula = nullptr;   // nullptr for an ideal pinhole camera
   double fx = 1, fy = 1, cx = 0, cy = 0;  // [px]; the centre of pixel (0,0) is (0.5, 0.5)
   int width = 0, height = 0;
   LensCoefficients k{};
 
   bool operator==(const Lens&) const = default;
-  bool distorted() const;  // false: an ideal pinhole camera
+  // Returns false if the lens is an ideal pinhole camera.
+  bool distorted() const;
+  // Returns the lens for an image that was resized to the given size.
   Lens scaled_to(int new_width, int new_height) const;
   // Sets a parameter by its name in the table. Returns false if the lens has no parameter of this name.
   bool set(std::string_view parameter, double value);
 };
 
-// Returns the table: camera models 0 to 17 of COLMAP 4.
+// Returns the table, which contains the camera models 0 to 17 of COLMAP 4.
 std::span<const LensModel> lens_models();
 // Returns "number NAME, number NAME, ...", for messages.
 std::string known_lens_models();
 // Splits names that are separated by blanks.
 std::vector<std::string_view> words_of(std::string_view names);
 
-// Throws Error(data) whose message starts with `where` unless the focal lengths are positive and the
-// coefficients are in the domain of the formula.
+// Throws Error(data) if a focal length is not positive, or if the coefficients are outside of the domain of
+// the formula. The message starts with `where`.
 void check_lens(const Lens& lens, const std::string& where);
 
-// Returns the pixel position that sees `ray`; nullopt if the lens does not see it.
+// Returns the position of `ray` in the image [px], or nullopt if the lens does not see this ray.
 std::optional<PlanePoint> project_ray(const Lens& lens, const Ray& ray);
-// Returns the ray, of any length, that a pixel position sees. Returns nullopt if no ray was found: outside of
-// the image circle, or where the polynomial of the lens folds.
+// Returns the ray through a position in the image [px]; its length is arbitrary. Returns nullopt if no ray
+// was found, because the position is outside of the image circle, or because the polynomial of the lens folds
+// there.
 std::optional<Ray> pixel_ray(const Lens& lens, double column, double row);
 
 }  // namespace ubs

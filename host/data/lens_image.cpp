@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
+// See lens_image.hpp.
 #include "host/data/lens_image.hpp"
 
 #include <algorithm>
@@ -14,8 +15,8 @@
 namespace ubs {
 namespace {
 
-constexpr int kSamples = 2;          // per pixel, in each direction
-constexpr double kMaxFocal = 16384;  // plan_faces() accepts smaller values [px per radian]
+constexpr int kSamples = 2;          // samples per pixel in each of the two directions
+constexpr double kMaxFocal = 16384;  // [px per radian] plan_faces() accepts only focal lengths below this
 
 // Returns the axis closest to the ray as 2 * axis, plus 1 if the ray points in its negative direction.
 std::size_t axis_of(const Ray& ray) {
@@ -95,7 +96,7 @@ LensImage::LensImage(const WideLens& wide, const std::string& where)
 }
 
 void LensImage::check_complete() const {
-  // plan_faces() skips faces with very few pixels.
+  // plan_faces() skips faces with very few pixels. Check the rays of a grid of positions in the image.
   constexpr int kGrid = 64;
   for (int j = 0; j < kGrid; ++j)
     for (int i = 0; i < kGrid; ++i)

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // LensImage composes panoramas and fisheye images. The rasteriser supports only pinhole cameras, so it
-// renders the faces of a cube around the camera (host/data/undistort.hpp), and compose() resamples them to
-// the image.
+// renders the faces of a cube around the camera (host/data/undistort.hpp), and compose() resamples these
+// renders to the panorama or fisheye image.
 #pragma once
 
 #include <array>
@@ -22,8 +22,10 @@ struct WideLens {
   Lens lens;
   double max_angle;
 };
-// Reads "equirectangular" (360 degrees across, 180 down), "fisheye" or "fisheye:DEGREES" (equidistant; a
-// circle of 1 to 360 degrees [180] fills the shorter side). Throws Error(usage) for other texts.
+// Returns the lens that `text` describes, for an image of the given size. "equirectangular" is a panorama of
+// 360 degrees across and 180 degrees down. "fisheye:DEGREES" is an equidistant fisheye lens; DEGREES is from
+// 1 to 360. It is the angle of the image circle, whose diameter is the shorter side of the image. "fisheye"
+// is the same as "fisheye:180". Throws Error(usage) for other texts.
 WideLens wide_lens(const std::string& text, int width, int height);
 
 class LensImage {
@@ -32,33 +34,35 @@ class LensImage {
   // enough memory for the faces. Messages start with `where`.
   LensImage(const WideLens& lens, const std::string& where);
 
-  // Throws Error(usage) if the image has so few pixels (less than about 25 for 360 degrees) that faces are
-  // missing.
+  // Throws Error(usage) if the image has so few pixels that a face is missing, which happens below about 25
+  // pixels per 360 degrees.
   void check_complete() const;
 
   std::size_t face_count() const { return plans_.size(); }
   // Returns the pinhole cameras whose images compose() needs, in the same order. They have the pose and the
   // query values of `camera`, and about twice the resolution of the image.
   std::vector<Camera> faces(const Camera& camera) const;
-  // Returns the image. Each pixel is the mean of four samples, interpolated in the faces. The depth is the
-  // distance from the camera along the ray. Pixels that the lens does not show are black, with alpha and
-  // depth 0.
+  // Returns the image that is composed of the renders of the faces. Each pixel is the mean of four samples,
+  // which are interpolated in the faces. The depth is the distance from the camera along the ray. Pixels that
+  // the lens does not show are black, with alpha 0 and depth 0.
   RenderedView compose(std::span<const RenderedView> faces) const;
   // Returns 255 for each pixel that compose() determines completely, and 0 for the others.
   std::vector<std::uint8_t> shown() const;
 
  private:
-  // Returns the ray of a position in the fine image if the lens shows it.
+  // Returns the ray of a position [px] in the image of the lens `fine_`, or nullopt if the lens does not show
+  // it.
   std::optional<Ray> shown_ray(double column, double row) const;
-  // Calls visit(pixel, ray) for each sample of the image that the lens shows and that is in a face.
+  // Calls visit(pixel, ray) for each sample that the lens shows and whose ray hits a face. `pixel` is the
+  // index of the pixel that contains the sample.
   template <typename Visit>
   void for_samples(const Visit& visit) const;
 
   std::string where_;
-  Lens fine_;  // with twice the width and height
-  double max_angle_;
+  Lens fine_;         // the lens for an image with twice the width and height
+  double max_angle_;  // [rad] WideLens::max_angle
   std::vector<Undistortion> plans_;
-  std::array<int, 6> face_of_axis_;  // indexed by axis_of(); -1: no face
+  std::array<int, 6> face_of_axis_;  // index in plans_ for each result of axis_of(); -1 if there is no face
 };
 
 }  // namespace ubs

@@ -1,9 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-// load_llff() loads LLFF folders (poses_bounds.npy + images/, one row per image) and N3V folders
-// (poses_bounds.npy + one video or one folder of frames per camera, one row per camera). The test view of an
-// N3V folder is the first camera.
+// load_llff() loads LLFF folders and N3V folders. An LLFF folder contains poses_bounds.npy with one row per
+// image, and the images in the folder images/. An N3V folder contains poses_bounds.npy with one row per
+// camera, and for each camera a video or a folder of frames. The views of the first camera of an N3V folder
+// are the test views.
 //
-// A row consists of a 3x5 matrix, row-major, and the depth bounds. The columns of the matrix are the
+// A row consists of a 3x5 matrix, row-major, and the two depth bounds. The columns of the matrix are the
 // directions down, right and back, the position in the world, and (height, width, focal length) of the
 // full-size images.
 #include <algorithm>
@@ -28,10 +29,10 @@ namespace {
 namespace fs = std::filesystem;
 
 struct Row {
-  Camera camera;  // pose only
+  Camera camera;  // only the pose is set
   Lens lens;
   std::array<double, 2> bounds{};
-  std::string where;  // starts error messages
+  std::string where;  // start of error messages about this row
 };
 
 Row parse_row(const double* row, const std::string& where) {
@@ -90,7 +91,7 @@ std::vector<fs::path> sorted_entries(const fs::path& folder, bool (*accept)(cons
   return found;
 }
 
-// The images of one camera over time: frames of a video, or files.
+// Sequence holds the images of one camera over time, which are frames of a video or separate files.
 struct Sequence {
   fs::path path;
   std::shared_ptr<VideoFile> video;
@@ -109,7 +110,8 @@ std::vector<int> chosen_frames(const std::vector<Sequence>& cameras, const Datas
        f += std::max(1, options.read.frames.step))
     frames.push_back(f);
   if (frames.empty())
-    fail(ErrorKind::data, "{}: no frame is selected: there are {} frames, and the first selected one is {}",
+    fail(ErrorKind::data,
+         "{}: no frame is selected: there are only {} frames, but the first selected frame is {}",
          least->path.string(), available, options.read.frames.first);
   if (available < wanted)
     report.note(fmt::format("{} has {} frames, but {} has {}: frames from {} on are not used",
@@ -150,7 +152,7 @@ LoadedScene load_static(const fs::path& images, const std::vector<Row>& rows, co
   return scene;
 }
 
-// Adds the views of one camera over time.
+// Adds the views of one camera, one for each of the given frames of its video.
 void add_video(std::vector<View>& views, const Sequence& sequence, const std::vector<int>& frames,
                const Row& row, const DatasetOptions& options, LoadReport& report) {
   const ImageSize size = video_size(*sequence.video);
@@ -232,20 +234,21 @@ LoadedScene load_llff(const fs::path& folder, const DatasetOptions& options) {
   const std::vector<Row> rows = read_rows(root.check(folder / "poses_bounds.npy"));
   const fs::path images = folder / (options.read.images == "auto" ? "images" : options.read.images);
   auto videos = sorted_entries(folder, is_video);
-  // In a folder that also has images, a video may show a walk through the scene.
+  // Videos in a folder that also has images are ignored unless there is one video per row: they may be, for
+  // example, a recording of a walk through the scene.
   const bool ignores_videos = videos.size() != rows.size() && is_folder(images);
   const std::size_t ignored = ignores_videos ? videos.size() : 0;
   if (ignores_videos) videos.clear();
   const auto folders = videos.empty() ? sorted_entries(folder, is_camera_folder) : std::vector<fs::path>{};
   LoadedScene scene;
-  NamedFiles files(root, folder);  // finds masks, and reports unused files in the folder
+  NamedFiles files(root, folder);  // finds the masks and reports files of the folder that are not used
   if (!videos.empty()) {
     scene = load_dynamic(folder, videos, true, rows, root, options);
   } else if (!folders.empty()) {
     scene = load_dynamic(folder, folders, false, rows, root, options);
   } else {
     refuse_unused(options, "LLFF", "--images --test-every");
-    if (options.read.images != "auto") root.add(images);  // named by the user
+    if (options.read.images != "auto") root.add(images);  // the user passed this folder
     scene = load_static(images, rows, root, files, options);
   }
   for (const Split& split : scene.splits)

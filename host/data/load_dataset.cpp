@@ -29,8 +29,9 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// Beyond this ratio of distance to extent, coordinates are stored relative to an offset. A float32 coordinate
-// resolves 2^-24 of its size; at 256 extents this is 1.5e-5 of the extent, or about a fiftieth of a pixel.
+// If the cameras are farther from the origin than this multiple of the scene extent, coordinates are stored
+// relative to an offset. At this distance, rounding to float32 changes a coordinate by up to 1.5e-5 of the
+// extent, which is about a fiftieth of a pixel in an image.
 constexpr double kFarFromOrigin = 256;
 
 constexpr const char* kSplits[] = {"train", "test", "val"};
@@ -48,7 +49,7 @@ LoadedScene load_blender(const fs::path& folder, const DatasetOptions& options) 
   }
   if (scene.splits.empty() && empty.empty())
     fail(ErrorKind::data,
-         "{}: no transforms_train.json, transforms_val.json or transforms_test.json in this folder",
+         "{}: this folder contains no transforms_train.json, transforms_val.json or transforms_test.json",
          folder.string());
   if (scene.splits.empty() || std::ranges::find(empty, "train") != empty.end())
     fail(ErrorKind::data, "{}: {}; copy the images there or correct 'file_path'", folder.string(),
@@ -69,15 +70,16 @@ std::array<double, 3> mean_position(const Split& split) {
 
 double length_of(const std::array<double, 3>& v) { return std::hypot(v[0], v[1], v[2]); }
 
-// Positions of cameras are the same if they differ by rounding errors of the files, which are relative to the
-// distance from the origin. At the origin there is no distance to compare with, so positions within
-// kLeastRounding are the same: if the data are in kilometres, this is a hundredth of a millimetre. Far from
-// the origin, positions that differ by more than kMostRounding are different, because georeferenced data have
-// enough digits to distinguish them.
+// Cameras are treated as being at the same position if their positions differ only by rounding errors of the
+// files. The assumed rounding error is kPositionRounding times the distance from the origin. It is at least
+// kLeastRounding, because this product would be too small near the origin. If the data are in kilometres,
+// kLeastRounding is a hundredth of a millimetre. The assumed rounding error is at most kMostRounding, because
+// georeferenced data, which are far from the origin, have enough digits to distinguish such positions.
 constexpr double kPositionRounding = 1e-7, kLeastRounding = 1e-8, kMostRounding = 1e-4;
 
 // Returns whether all cameras have the same position. This must be decided before the offset is subtracted:
-// afterwards, the positions may consist only of rounding errors, for which at_one_place() cannot decide it.
+// afterwards, the positions may consist only of rounding errors, and at_one_place() would treat them as
+// different positions.
 bool stand_at_one_place(const Split& split) {
   const double rounding = kPositionRounding * length_of(mean_position(split));
   return position_spread(cameras_of(split)) <= std::clamp(rounding, kLeastRounding, kMostRounding);
@@ -90,7 +92,9 @@ std::array<double, 3> choose_offset(const Split& split, bool one_place) {
   std::array<double, 3> mean = mean_position(split);
   const double extent = split.views.size() < 2 ? 0 : scene_extent(split.views);
   if (split.views.size() < 2 || !(length_of(mean) > kFarFromOrigin * extent)) return {};
-  double steps = 1;  // per unit; a whole number, so that the quotient below has few decimal places
+  // The mean is rounded to multiples of 1 / steps. `steps` is a whole number, so that the rounded mean has
+  // few decimal places.
+  double steps = 1;
   if (!one_place && std::sqrt(3) / 2 > kFarFromOrigin * extent)
     steps = std::pow(10, std::ceil(-std::log10(extent)));
   for (double& m : mean) m = std::round(m * steps) / steps + 0.0;  // turns -0 into 0
@@ -121,8 +125,8 @@ const Split* Dataset::find(const std::string& split) const {
   return it == splits.end() ? nullptr : &*it;
 }
 
-// p_cam = R (local + from) + ..., so moving the origin by `to - from` changes the translation by R (to -
-// from).
+// A camera maps the position p, which is relative to `from`, to R p + t. The same position relative to `to`
+// is p - (to - from). So R (to - from) must be added to the translation t.
 void rebase(std::vector<View>& views, const std::array<double, 3>& from, const std::array<double, 3>& to) {
   for (View& view : views)
     for (std::size_t r = 0; r < 3; ++r)
@@ -153,7 +157,8 @@ bool has_image_extension(const fs::path& path) {
 std::vector<fs::path> pictures_in(const fs::path& folder) {
   std::vector<fs::path> pictures;
   if (!is_folder(folder)) return pictures;
-  for (const fs::path& file : folder_entries(folder))  // hidden files are written by macOS and hold no pixels
+  // Hidden files are skipped: macOS writes files whose names start with "._", and they contain no image.
+  for (const fs::path& file : folder_entries(folder))
     if (!file.filename().string().starts_with('.') && has_image_extension(file) && is_regular(file))
       pictures.push_back(file);
   return pictures;
@@ -161,12 +166,13 @@ std::vector<fs::path> pictures_in(const fs::path& folder) {
 
 namespace {
 
-// Files that contain images but that ubs does not read as images. In `command`, {0} is the file and {1} its
-// extension.
+// OtherPictures describes a kind of files that contain images, but that ubs does not read as images.
 struct OtherPictures {
-  const char* what;
+  const char* what;  // name of the kind in messages
   std::initializer_list<std::string_view> extensions;
-  const char* command;  // converts the files to images in the same folder
+  // Command that converts the files to images in the same folder. {0} is the name of a file, and {1} is its
+  // extension.
+  const char* command;
 };
 
 const OtherPictures kVideo{
@@ -199,7 +205,7 @@ std::string how_to_make_images(const fs::path& path) {
     const OtherPictures* kind = other_pictures(path);
     if (kind == &kVideo)
       return fmt::format(
-          "this is a video: cut it into images ('mkdir photos; ffmpeg -i {} -vf fps=2 photos/%04d.png'), "
+          "this is a video: extract its frames ('mkdir photos; ffmpeg -i {} -vf fps=2 photos/%04d.png'), "
           "then "
           "find their cameras with 'ubs cameras photos'",
           shell_word(path.string()));
@@ -227,8 +233,9 @@ void refuse_unused(const DatasetOptions& options, std::string_view layout, std::
   for (const auto& [option, given] :
        {std::pair{"--images", options.read.images != usual.read.images},
         std::pair{"--colmap-model", options.read.colmap_model != usual.read.colmap_model},
-        // 0 means that no training views are held out. This is also true for data that state their test
-        // views. Runs of earlier versions recorded kTestEvery for all data.
+        // The values 0 and kTestEvery are accepted for every layout. 0 means that no training views are held
+        // out as test views, which is always the case for data that state their test views. Earlier versions
+        // of ubs recorded kTestEvery in every run, whatever the layout of its data was.
         std::pair{"--test-every", options.read.test_every != usual.read.test_every &&
                                       options.read.test_every != 0 && options.read.test_every != kTestEvery},
         std::pair{"--frames", options.read.frames != usual.read.frames}})
@@ -238,15 +245,16 @@ void refuse_unused(const DatasetOptions& options, std::string_view layout, std::
 
 namespace {
 
-// A layout of data folders. A new one needs a loader, a row in the table, and a section in docs/data.md.
+// Layout describes a layout of data folders. A new layout needs a loader, a row in the table kLayouts, and a
+// section in docs/data.md.
 struct Layout {
   std::string_view name;
-  std::string_view title;  // data sets and programs that use it, for messages and help
+  std::string_view title;  // data sets and programs that use this layout, for messages and help texts
   bool (*recognise)(const fs::path& path);
   LoadedScene (*load)(const fs::path& path, const DatasetOptions& options);
-  std::string_view files;  // by which it is recognised, for messages
-  // The options that the loader uses, from the list in refuse_unused(). Empty if the loader itself refuses
-  // the options that it does not use.
+  std::string_view files;  // names of the files by which the layout is recognised, for messages
+  // Options that the loader uses. The caller refuses the other options that refuse_unused() checks, unless
+  // the loader does it (refuses_itself).
   std::string_view used;
   bool refuses_itself = false;
 
@@ -269,7 +277,7 @@ constexpr Layout kLayouts[] = {
      },
      load_nerfstudio, "transforms.json", "--test-every"},
     {"colmap", "COLMAP", [](const fs::path& path) { return !find_colmap_model(path).empty(); }, load_colmap,
-     "sparse/0/cameras.bin or .txt", "--images --colmap-model --test-every"},
+     "sparse/0/cameras.bin or cameras.txt", "--images --colmap-model --test-every"},
     {"llff", "LLFF, N3V", [](const fs::path& path) { return path_exists(path / "poses_bounds.npy"); },
      load_llff, "poses_bounds.npy", "", true},
 };
@@ -281,8 +289,8 @@ const Layout& layout_named(std::string_view name) {
        fmt::join(layout_names(), ", "));
 }
 
-// Throws an error that names the JSON files with frames in the folder, such as transforms_colmap.json.
-// Returns if there are none.
+// If the folder contains JSON files with frames, such as transforms_colmap.json, throws an error whose
+// message lists them.
 void name_transforms_files(const fs::path& folder) {
   std::vector<std::string> names;
   for (const fs::path& file : folder_entries(folder))
@@ -295,7 +303,7 @@ void name_transforms_files(const fs::path& folder) {
        shell_word((folder / names.front()).string()));
 }
 
-// Adds a note for each other layout whose cameras the folder also contains.
+// Adds a note for each layout other than `used` whose files the folder also contains.
 void note_other_layouts(const fs::path& path, const Layout& used, LoadReport& report) {
   for (const Layout& layout : kLayouts)
     if (&layout != &used && layout.recognise(path))
@@ -331,7 +339,7 @@ std::string detect_layout(const fs::path& path) {
   name_transforms_files(path);
   for (const fs::path& folder : {path, path / "images"})
     if (const std::size_t count = pictures_in(folder).size(); count > 1)
-      fail(ErrorKind::data, "{}: {} images but no cameras: find them with COLMAP: ubs cameras {}",
+      fail(ErrorKind::data, "{}: {} images but no cameras: find the cameras with COLMAP: ubs cameras {}",
            path.string(), count, shell_word(path.string()));
   if (const std::string hint = how_to_make_images(path); !hint.empty())
     fail(ErrorKind::data, "{}: {}, then find their cameras with 'ubs cameras {}'", path.string(), hint,
@@ -392,7 +400,7 @@ Dataset open_undecoded(const fs::path& path, const DatasetOptions& options) {
     for (Split& split : data.splits) rebase(split.views, scene.offset, data.offset);
   if (one_place && !at_one_place(cameras_of(reference))) unite_positions(data, reference);
   if (data.offset != std::array<double, 3>{})
-    data.report.note(fmt::format("far from the origin: coordinates are relative to ({}, {}, {})",
+    data.report.note(fmt::format("data far from the origin: coordinates are relative to ({}, {}, {})",
                                  data.offset[0], data.offset[1], data.offset[2]));
   std::array<double, 3> moved = data.offset;
   for (std::size_t k = 0; k < 3; ++k) moved[k] -= scene.offset[k];

@@ -23,14 +23,17 @@ struct LoadReport {
   std::vector<Skipped> skipped;
   std::vector<std::string> notes;        // without duplicates
   std::vector<std::string> differences;  // the notes that every command prints
-  // Descriptions of undistorted images of the smallest and the largest size, by number of pixels.
+  // Descriptions of one undistorted image of the smallest size and one of the largest size. The key is the
+  // number of pixels.
   std::map<std::int64_t, std::string> undistorted;
 
-  // Number of images that became several views, and number of these views
+  // Number of images that were split into several views, and number of these views.
   std::size_t wide_images = 0, wide_views = 0;
 
+  // Records that the object called `what` was skipped for the reason `why`.
   void skip(const std::string& what, const std::string& why) { add({why, 1, {what}}); }
 
+  // Adds skipped objects to those that were skipped for the same reason.
   void add(const Skipped& more) {
     constexpr std::size_t kExamples = 3;
     for (Skipped& s : skipped)
@@ -43,6 +46,7 @@ struct LoadReport {
     skipped.push_back(more);
   }
 
+  // Records the description of an undistorted image with this number of pixels.
   void undistort(std::int64_t pixels, const std::string& text) {
     undistorted.emplace(pixels, text);
     if (undistorted.size() > 2) undistorted.erase(std::next(undistorted.begin()));
@@ -55,7 +59,7 @@ struct LoadReport {
   }
 
   // Adds a note about data that were skipped or taken from another place than stated. Every command that
-  // opens the data prints it.
+  // opens the data prints such notes.
   void note_difference(const std::string& text) {
     note(text);
     for (const std::string& known : differences)

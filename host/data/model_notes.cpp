@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
+// See model_notes.hpp.
 #include "host/data/model_notes.hpp"
 
 #include <algorithm>
@@ -21,7 +22,8 @@ std::vector<double> numbers(const std::string& comment, std::string_view words, 
   std::istringstream stream(comment.substr(words.size()));
   std::vector<double> values;
   for (std::string word; stream >> word;) {
-    // Not strtod(): a program that uses the library may have set a locale with decimal commas.
+    // strtod() is not used, because a program that uses the library may have set a locale with decimal
+    // commas.
     const char* const end = word.data() + word.size();
     double& value = values.emplace_back();
     const auto result = std::from_chars(word.data(), end, value);
@@ -54,7 +56,7 @@ void take_settings(const std::string& comment, ModelNotes& notes, const std::str
 Camera lens_of(const std::vector<double>& v, const std::string& where) {
   for (const double pixels : {v[0], v[1]})
     if (!(pixels >= 1 && pixels <= kMaxPixelsAcross && pixels == std::floor(pixels)))
-      fail(ErrorKind::data, "{}: {} pixels across", where, pixels);
+      fail(ErrorKind::data, "{}: an image side of {} pixels is not possible", where, pixels);
   Camera camera;
   camera.width = static_cast<int>(v[0]);
   camera.height = static_cast<int>(v[1]);
@@ -115,10 +117,10 @@ ModelNotes notes_of(std::span<const std::string> comments, const std::string& na
     if (comment.starts_with(kUp)) {
       const std::vector<double> v = numbers(comment, kUp, 3, name);
       notes.up = Vec3{v[0], v[1], v[2]};
-      if (!(length(*notes.up) > 1e-9)) fail(ErrorKind::data, "{}: has no direction", where);
+      if (!(length(*notes.up) > 1e-9)) fail(ErrorKind::data, "{}: the vector has no direction", where);
     }
     if (!comment.starts_with(kCamera)) continue;
-    if (!lens) fail(ErrorKind::data, "{}: comes before {}", where, kLens);
+    if (!lens) fail(ErrorKind::data, "{}: this comment must come after the comment {}", where, kLens);
     notes.cameras.push_back(camera_of(numbers(comment, kCamera, 8, name), *lens, where));
   }
   return notes;

@@ -12,9 +12,9 @@
 namespace ubs {
 namespace {
 
-// Pairs of a letter and the same letter with the given accent, from the Unicode database (canonical
-// decompositions of the Latin, Greek, Cyrillic and Japanese letters). The decomposition of Korean syllables
-// is computed.
+// AccentRow contains pairs of a letter and the same letter with the accent `accent`. The rows are from the
+// Unicode database (canonical decompositions of the Latin, Greek, Cyrillic and Japanese letters). The
+// decompositions of Korean syllables are computed instead.
 struct AccentRow {
   char32_t accent;
   std::u16string_view pairs;
@@ -90,7 +90,8 @@ const std::unordered_map<char32_t, Decomposed>& decompositions() {
   return table;
 }
 
-// Converts ASCII, Greek and Cyrillic capitals to lower case. Accented letters have been decomposed before.
+// Converts ASCII, Greek and Cyrillic capitals, and Latin capitals without a decomposition, to lower case. The
+// caller decomposes accented letters first.
 char32_t small_letter(char32_t c) {
   if (c >= U'A' && c <= U'Z') return c + 32;
   if (c >= 0x391 && c <= 0x3a9) return c + 32;
@@ -115,8 +116,8 @@ void put_utf8(std::string& text, char32_t c) {
   }
 }
 
-// Appends the canonical decomposition. Unicode standard, 3.12: a Korean syllable is a leading consonant, a
-// vowel and optionally a trailing consonant.
+// Appends the canonical decomposition of a character in lower case. A Korean syllable consists of a leading
+// consonant, a vowel and optionally a trailing consonant (Unicode standard, 3.12).
 void put_decomposed(std::string& text, char32_t c) {
   constexpr char32_t kSyllables = 0xac00, kVowels = 21, kTrails = 28, kLast = 0xd7a3;
   if (c >= kSyllables && c <= kLast) {
@@ -156,7 +157,7 @@ std::string last_component(std::string_view path) {
   return parts.empty() ? std::string() : parts.back();
 }
 
-// Returns the number of letters that must be inserted, removed or replaced.
+// Returns the minimum number of bytes that must be inserted, removed or replaced to change `a` into `b`.
 std::size_t edit_distance(std::string_view a, std::string_view b) {
   std::vector<std::size_t> row(b.size() + 1);
   for (std::size_t j = 0; j < row.size(); ++j) row[j] = j;
@@ -241,7 +242,7 @@ std::optional<NameIndex::Match> NameIndex::best(std::string_view path,
   std::size_t equals = 0;
   for (const std::size_t number : candidates) {
     const std::vector<std::string>& parts = entries_[number].folded;
-    std::size_t alike = 1;  // the last components are equal except for the extension
+    std::size_t alike = 1;  // all candidates have the same last component, except for its extension
     while (alike < std::min(parts.size(), wanted.size()) &&
            parts[parts.size() - 1 - alike] == wanted[wanted.size() - 1 - alike])
       ++alike;
@@ -257,7 +258,7 @@ std::optional<NameIndex::Match> NameIndex::best(std::string_view path,
 std::string NameIndex::nearest(std::string_view path) const {
   const std::string wanted = last_component(folded_name(path));
   std::string result;
-  // Paths with more changes count as different names.
+  // A name is similar if at most half of the bytes, or two bytes of a short name, must be changed.
   std::size_t least = std::max<std::size_t>(wanted.size() / 2, 2) + 1;
   for (const Entry& entry : entries_) {
     if (entry.folded.empty()) continue;

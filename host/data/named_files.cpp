@@ -20,8 +20,8 @@ constexpr const char* kKindNames[] = {"images", "masks", "files of points"};
 
 bool is_mask_folder(std::string_view folded) { return folded == "mask" || folded == "masks"; }
 
-// Returns whether one of the folders is a mask folder. `parts` are the folded components of a path; the last
-// one is the file.
+// Returns whether one of the folders of a path is a mask folder. `parts` are the folded components of the
+// path; the last component is the name of the file.
 bool below_mask_folder(const std::vector<std::string>& parts) {
   return std::any_of(parts.begin(), parts.end() - 1, [](const std::string& p) { return is_mask_folder(p); });
 }
@@ -42,8 +42,9 @@ bool is_below(const fs::path& path, const fs::path& folder) {
   return !relative.empty() && *relative.begin() != "..";
 }
 
-// The names that match one file. A name that agrees with the whole path wins over names that agree only with
-// the end of the path. If two names match equally well, none of them wins.
+// Claims collects the names that match one file. The file is used for a name that agrees with the whole path,
+// if there is one, and otherwise for a name that agrees with the end of the path. If several names match
+// equally well, the file is used for none of them.
 struct Claims {
   std::set<std::string> whole, end;
   void add(const std::string& name, bool is_whole) { (is_whole ? whole : end).insert(name); }
@@ -53,8 +54,9 @@ struct Claims {
   }
 };
 
-// Returns the file with exactly this name, or an empty path. Published data sets omit the extension .png
-// ("r_0.5" has no extension either).
+// Returns the file with exactly this name, or an empty path. If the name has no image extension, an extension
+// is appended, because the names in published data sets lack the extension .png. The name "r_0.5" has no
+// image extension either.
 fs::path exact_file(const fs::path& base, const std::string& name, NamedFiles::Kind kind) {
   const fs::path path = (base / name).lexically_normal();
   if (kind == NamedFiles::Kind::image && !has_picture_extension(path.filename().string()))
@@ -64,7 +66,7 @@ fs::path exact_file(const fs::path& base, const std::string& name, NamedFiles::K
 }
 
 // Lists all files below the folder except hidden ones. Links to folders are followed if they stay inside the
-// data folder. Folders that cannot be read, such as loops of links, count as empty.
+// data folder. Folders that cannot be read, such as loops of links, are treated as empty.
 void list_below(const fs::path& folder, const DataRoot& root, std::set<std::string>& visited,
                 std::vector<fs::path>& files) {
   try {
@@ -77,7 +79,8 @@ void list_below(const fs::path& folder, const DataRoot& root, std::set<std::stri
       else
         list_below(entry, root, visited, files);
     }
-    // The search for other names is optional. If it fails, the caller reports the missing name.
+    // The search for files with similar names is optional. If the search fails, the caller reports that the
+    // stated name does not exist.
   } catch (const Error&) {
   }
 }
@@ -194,7 +197,8 @@ std::vector<fs::path> NamedFiles::find_masks(const std::vector<StatedName>& imag
   std::vector<std::size_t> open;
   for (std::size_t i = 0; i < images.size(); ++i) {
     const std::string& name = images[i].name;
-    // A name that leads out of the mask folder could make the image its own mask.
+    // If the name of the image leads out of the mask folder, the search could find the image itself as its
+    // own mask, so such names are not used.
     const std::string plain = fs::path(name).lexically_normal().string();
     const bool outside = plain.starts_with('/') || plain.starts_with("../");
     for (const fs::path& folder : folders) {

@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// NamedFiles finds the files that a data set names: images, masks, points. All loaders use it, so that they
-// find the same files and print the same messages. It first looks for the exact name. If there is no such
-// file, it lists the data folder once and takes a file if exactly one matches (name_index.hpp). report()
-// counts such files in a note. It never reads files outside of the data folder (data_root.hpp).
+// NamedFiles finds the files whose names a data set states: images, masks and files of points. All loaders
+// use it, so that they find the same files and print the same messages. NamedFiles first looks for the exact
+// name. If there is no such file, it lists the data folder once and uses the file that matches best, if there
+// is exactly one such file (name_index.hpp). report() adds a note with the number of files that were found in
+// this way. Files outside of the data folder are never used (data_root.hpp).
 #pragma once
 
 #include <filesystem>
@@ -20,7 +21,7 @@ namespace ubs {
 
 struct StatedName {
   std::string name;   // as stated in the data
-  std::string where;  // starts error messages: the file and the frame
+  std::string where;  // start of error messages: the file and the frame that contain the name
 };
 
 class NamedFiles {
@@ -36,11 +37,10 @@ class NamedFiles {
 
   // Returns the file of each name, or an empty path. `base` is the folder that the names are relative to.
   // With `only_base`, files elsewhere in the data folder are not considered.
-  // A file in another folder than stated is used only if no name of the stated folder was found there. If
-  // only some of its images are missing, they were probably deleted, and must not be replaced by a reduced
-  // image or a mask of the same name.
-  // Two different names never get the same file. Throws Error(data) for a path that leads out of the data
-  // folder.
+  // A file in another folder than stated is used only if none of the files that should be in the stated
+  // folder was found there. If only some of these files are missing, they were probably deleted, and must not
+  // be replaced by a reduced image or a mask of the same name. Two different names never get the same file.
+  // Throws Error(data) if a file with exactly the stated path is outside of the data folder.
   std::vector<std::filesystem::path> find(const std::filesystem::path& base,
                                           const std::vector<StatedName>& names, Kind kind,
                                           bool only_base = false);
@@ -53,7 +53,7 @@ class NamedFiles {
   // Returns a text that says where a missing file was looked for, and the most similar name there.
   std::string missing(const std::filesystem::path& base, const std::string& name);
 
-  // Marks a file that the caller found itself as used.
+  // Marks a file as used. Callers need this only for files that they did not find with this class.
   void use(const std::filesystem::path& file) { used_.insert(file.lexically_normal().string()); }
 
   // Adds notes to the report: the number of files that were found under a name other than the exact one, the
@@ -71,7 +71,7 @@ class NamedFiles {
 
   const DataRoot& root_;
   std::filesystem::path folder_;
-  std::map<std::string, Listing> listings_;  // by their top folder
+  std::map<std::string, Listing> listings_;  // the key is the top folder of the listing
   std::set<std::string> used_;
   std::set<std::string> image_folders_;
   struct Others {

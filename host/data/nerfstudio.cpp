@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Loads nerfstudio folders: one transforms.json with lens parameters per file or per frame, masks, and the
-// point cloud that ply_file_path names. Poses are used unchanged, because applied_transform is already
-// included in them.
+// load_nerfstudio() loads nerfstudio folders. Their file transforms.json contains lens parameters, which are
+// stated once for the file or separately for each frame, and the paths of the images, of the masks and of a
+// point cloud (ply_file_path). applied_transform is not used, because the poses already include it.
 #include <fmt/ranges.h>
 
 #include <algorithm>
@@ -35,7 +35,7 @@ std::string camera_model(const Node& frame, const Node& file) {
   return "OPENCV";
 }
 
-// Returns the lens model with this name or alias, in upper or lower case.
+// Returns the lens model with this name or alias, without regard to case.
 const LensModel& json_lens_model(std::string name, const std::string& where) {
   std::ranges::transform(name, name.begin(),
                          [](char c) { return c >= 'a' && c <= 'z' ? static_cast<char>(c - 32) : c; });
@@ -56,7 +56,7 @@ Lens read_lens(const Node& frame, const Node& file, ImageSize size) {
   Lens lens{model.formula, 1, 1, 0, 0, size.width, size.height, {}};
   std::vector<std::string_view> names = words_of(model.parameters);
   if (std::ranges::find(names, "w") != names.end()) {
-    // Focal lengths in the file have no meaning for this model
+    // The model is EQUIRECTANGULAR, for which focal lengths in the file have no meaning.
     lens.set("w", size.width), lens.set("h", size.height);
   } else {
     Camera camera;
@@ -71,7 +71,8 @@ Lens read_lens(const Node& frame, const Node& file, ImageSize size) {
   for (const char* key : {"k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2"})
     if (const double value = lookup(frame, file, key).value_or(0.0);
         value != 0 && std::ranges::find(names, key) == names.end())
-      fail(ErrorKind::data, "{}: '{}' = {} is not defined consistently for {}: undistort the images first",
+      fail(ErrorKind::data,
+           "{}: '{}' = {} is not a coefficient of the camera model {}: undistort the images first",
            frame.where, key, value, model.name);
   check_lens(lens, frame.where);
   return lens;
@@ -82,9 +83,9 @@ struct NamedView {
   std::string file_path;
 };
 
-// Returns the stated paths of the frames that a list (train_filenames, val_filenames or test_filenames)
-// names, or nothing if the file does not have this list. The names are matched like those of files: exactly
-// first, then with name_index.hpp.
+// Returns the paths of the frames that are in a list (train_filenames, val_filenames or test_filenames), or
+// nullopt if the file does not have this list. A name in the list may differ from the path of the frame in
+// the ways that name_index.hpp describes.
 std::optional<std::set<std::string>> name_list(const Node& file, const char* key,
                                                const std::vector<NamedView>& named, LoadReport& report) {
   if (!file.has(key)) return std::nullopt;
@@ -144,19 +145,19 @@ std::vector<Split> make_splits(std::vector<NamedView> named, const Node& file, c
     if (!result.views.empty()) splits.push_back(std::move(result));
   }
   for (const NamedView& n : named)
-    if (!listed(n)) report.skip(n.file_path, "in none of the lists of file names");
+    if (!listed(n)) report.skip(n.file_path, "it is in none of the lists of file names");
   report.note("using the splits that are listed in the file");
   return splits;
 }
 
-// Returns the image size, or nothing if neither the JSON nor an image file states it.
+// Returns the size that the JSON states, or the size of the image file. Returns nullopt if there is neither.
 std::optional<ImageSize> size_of(const Node& frame, const Node& file, const fs::path& image) {
   if (const auto stated = stated_size(frame, file, image)) return stated;
   return image.empty() ? std::nullopt : std::optional(image_file_size(image));
 }
 
-// Returns the file that the field of each frame names; the path is empty if the frame has no such field or if
-// the file does not exist.
+// Returns, for each frame, the file whose name is in the field `key` of the frame. The path is empty if the
+// frame has no such field, or if the file does not exist.
 std::vector<fs::path> files_of(NamedFiles& files, const std::vector<Node>& frames, const char* key,
                                const fs::path& folder, NamedFiles::Kind kind) {
   std::vector<StatedName> names;
@@ -201,8 +202,8 @@ LoadedScene load_nerfstudio(const fs::path& path, const DatasetOptions& options)
   for (std::size_t i = 0; i < frames.size(); ++i) {
     const Node& frame = frames[i];
     const fs::path& image = images[i];
-    if (image.empty() && some) {  // without any image, the file is loaded for its cameras alone
-      scene.report.skip(image_of(frame), "no such image");
+    if (image.empty() && some) {  // if no image exists at all, the cameras are loaded without images
+      scene.report.skip(image_of(frame), "the image does not exist");
       continue;
     }
     NamedView n{{}, fs::path(image_of(frame)).lexically_normal().string()};

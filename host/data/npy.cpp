@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// See npy.hpp. Layout: "\x93NUMPY", version (2 bytes), header length (2 bytes, little-endian), then a Python
-// dict literal. It is padded with spaces and ends with a newline, so that the data start at a multiple of 64.
+// See npy.hpp. A file starts with "\x93NUMPY", the version (2 bytes) and the length of the header (2 bytes,
+// little-endian). The header is a Python dict literal, which is padded with spaces and ends with a newline,
+// so that the data after it start at a multiple of 64 bytes.
 #include "host/data/npy.hpp"
 
 #include <bit>
@@ -34,7 +35,8 @@ std::size_t element_count(const std::vector<std::size_t>& shape, std::size_t lim
   for (const std::size_t extent : shape)
     if (extent == 0) return 0;
   for (const std::size_t extent : shape) {
-    if (extent > limit / count) fail(ErrorKind::data, "{}: truncated: the shape needs more data", name);
+    if (extent > limit / count)
+      fail(ErrorKind::data, "{}: the file is truncated: its shape needs more data", name);
     count *= extent;
   }
   return count;
@@ -89,7 +91,7 @@ NpyHeader parse_header(std::string_view content, const std::string& name) {
   const std::string order = header_value(text, "fortran_order", "", ",", name);
   if (order == "True")
     fail(ErrorKind::data, "{}: Fortran order is not supported: save with np.ascontiguousarray", name);
-  if (order != "False") fail(ErrorKind::data, "{}: malformed .npy header: fortran_order {}", name, order);
+  if (order != "False") fail(ErrorKind::data, "{}: malformed .npy header: fortran_order is {}", name, order);
   header.shape = parse_shape(header_value(text, "shape", "(", ")", name), name);
   header.data = kPrefix + length;
   const std::size_t available = content.size() - header.data;
@@ -139,7 +141,7 @@ void write_npy(const std::filesystem::path& path, std::span<const std::size_t> s
   if (count != values.size())
     fail(ErrorKind::internal, "{}: shape ({}) does not match {} values", path.string(), extents,
          values.size());
-  if (shape.size() > 1) extents.pop_back();  // Python writes (3,) but (2, 3)
+  if (shape.size() > 1) extents.pop_back();  // Python writes a final comma only for one extent, as in (3,)
   std::string header = fmt::format("{{'descr': '<f4', 'fortran_order': False, 'shape': ({}), }}", extents);
   header.append(63 - (kPrefix + header.size()) % 64, ' ');
   header += '\n';

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// These functions read and write NumPy .npy files, format 1.0, with little-endian float32 or float64 in C
-// order. They serve to exchange data with Python scripts and reference data. Anything else (integers, Fortran
-// order) is refused with an error that names it.
+// These functions read and write NumPy .npy files of format 1.0 with little-endian float32 or float64 values
+// in C order. They are used to read data sets and reference data, and to exchange data with Python scripts.
+// Other files, such as those with integers or in Fortran order, are refused with an error that states the
+// reason.
 #pragma once
 
 #include <cstddef>
@@ -16,15 +17,17 @@ struct NpyArray {
   std::vector<float> values;
 };
 
-// Reads an array; float64 is rounded. Throws Error(data) for a finite value that float32 cannot hold.
+// Reads an array and rounds float64 values to float32. Throws Error(data) if a finite value exceeds the range
+// of float32.
 NpyArray read_npy(const std::filesystem::path& path);
 
-// Like NpyArray and read_npy, but with full precision, because poses_bounds.npy stores float64.
+// NpyArray64 and read_npy_double() keep the full precision of float64, in which poses_bounds.npy is stored.
 struct NpyArray64 {
   std::vector<std::size_t> shape;
   std::vector<double> values;
 };
 NpyArray64 read_npy_double(const std::filesystem::path& path);
+// Writes a float32 array. The number of values must be the product of the extents in `shape`.
 void write_npy(const std::filesystem::path& path, std::span<const std::size_t> shape,
                std::span<const float> values);
 

@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
+// See opencv_parts.hpp.
 #include "host/data/opencv_parts.hpp"
 
 #include <dlfcn.h>
@@ -25,8 +26,8 @@ fs::path own_file() {
 const OpencvParts& load() {
   const fs::path folder = own_file().parent_path();
   std::string tried;
-  // The places are tried in this order: next to the library, in the build folder, in the folder of an
-  // installed ubs, and where the dynamic loader searches.
+  // The module is searched for next to the library, then in the build folder, then in the folder of an
+  // installed ubs, and then in the folders that the dynamic loader searches.
   for (const fs::path& file :
        {folder / kModule, folder / "lib" / kModule, folder / "../lib" / kModule, fs::path(kModule)}) {
     void* module = dlopen(file.c_str(), RTLD_NOW | RTLD_LOCAL);

@@ -67,7 +67,8 @@ Camera parse_camera(const Json& json) {
   return c;
 }
 
-// Builds the header's entries for consecutive blocks: offset, size and CRC-32 of each.
+// BlockList builds the entries of the header for consecutive blocks. An entry contains the offset, the size
+// and the CRC-32 of a block.
 class BlockList {
  public:
   Json add(std::span<const std::byte> bytes) {
@@ -93,7 +94,8 @@ Json view_json(const View& view, const Image8& image, BlockList& blocks) {
   return json;
 }
 
-// Several camera models have the same formula. The lens gets the name of the first.
+// Returns the description of a lens. Several camera models can have the same formula, and then the name of
+// the first of them is stored.
 Json lens_json(const WideLens& wide) {
   const Lens& lens = wide.lens;
   const auto model = std::ranges::find(lens_models(), lens.formula, &LensModel::formula);
@@ -116,9 +118,9 @@ WideLens parse_lens(const Json& json) {
                  json.at("coefficients").get<LensCoefficients>()},
                 json.at("max_angle").get<double>()};
   check_lens(wide.lens, "the lens of a wide image");
-  if (size[0] < 1 || size[1] < 1) throw std::runtime_error("a wide image without pixels");
+  if (size[0] < 1 || size[1] < 1) throw std::runtime_error("a wide image has no pixels");
   if (!(wide.max_angle > 0 && wide.max_angle <= std::numbers::pi))
-    throw std::runtime_error("a wide image whose largest angle is not between 0 and 180 degrees");
+    throw std::runtime_error("the largest angle of a wide image is not between 0 and 180 degrees");
   return wide;
 }
 
@@ -129,8 +131,8 @@ Json wide_image_json(const View& view, const Image8& image, BlockList& blocks) {
           {"mask", blocks.add(std::as_bytes(std::span(image.mask)))}};
 }
 
-// Calls visit(view, image, is_wide) for the image of each view of a split, and then for each of its wide
-// images, with a view that shows a part of it.
+// Calls visit(view, image, false) for each view of a split and its image. Then calls visit(view, image, true)
+// for each wide image of the split, where `view` is the first view that shows a part of the wide image.
 template <typename Visit>
 void for_images(const Split& split, const Visit& visit) {
   for (const View& view : split.views) visit(view, view.load_image(), false);
@@ -182,7 +184,7 @@ void write_packed(const std::filesystem::path& path, const PackedData& data) {
       ++i;
       if (!same)
         fail(ErrorKind::data,
-             "{}: not written: the image of view '{}' changed while the data set was being packed",
+             "{}: the file is not written, because the image of view '{}' changed during packing",
              path.string(), is_wide ? view.part_of : view.name);
       file.write(std::as_bytes(std::span(image.rgb)));
       file.write(std::as_bytes(std::span(image.mask)));
@@ -243,7 +245,8 @@ void PackedFile::parse(const std::string& header, std::uint64_t blocks_bytes) {
     for (const Json& split : json.at("splits")) {
       PackedSplit& target = splits_.emplace_back();
       split.at("name").get_to(target.name);
-      // Assigned member by member: if an initialiser throws, g++ 12 destroys a partly built aggregate twice.
+      // The members are assigned one by one, because g++ 12 destroys a partly built aggregate twice if one of
+      // its initialisers throws.
       for (const Json& view : split.at("views")) {
         PackedView packed;
         view.at("name").get_to(packed.view.name);
@@ -253,7 +256,8 @@ void PackedFile::parse(const std::string& header, std::uint64_t blocks_bytes) {
         check_camera(camera, fmt::format("view '{}'", packed.view.name));
         packed.pixels = {packed.view.name, camera.width, camera.height, block(view.at("image")), {}};
         if (view.contains("mask")) packed.pixels.mask = block(view.at("mask"));
-        if (packed.pixels.mask && !packed.pixels.image) throw std::runtime_error("a mask without an image");
+        if (packed.pixels.mask && !packed.pixels.image)
+          throw std::runtime_error("a view has a mask, but no image");
         packed.view.masked = packed.pixels.mask.has_value();
         packed.view.opaque = view.value("opaque", false);
         target.views.push_back(std::move(packed));
@@ -263,17 +267,17 @@ void PackedFile::parse(const std::string& header, std::uint64_t blocks_bytes) {
         const WideLens lens = parse_lens(wide.at("lens"));
         const auto name = wide.at("name").get<std::string>();
         const std::optional<Block> image = block(wide.at("image")), mask = block(wide.at("mask"));
-        if (!image || !mask) throw std::runtime_error("a wide image without pixels");
+        if (!image || !mask) throw std::runtime_error("a wide image has no pixels");
         target.wide_images.push_back({lens, {name, lens.lens.width, lens.lens.height, image, mask}});
       }
     }
-    // Blocks must not overlap or leave gaps: their sizes must add up to the size of the file after the
-    // header, and the last block must end there.
+    // Blocks must not overlap or leave gaps. So their sizes must add up to the number of bytes after the
+    // header, and the last block must end at the end of the file.
     if (used != blocks_bytes || end != blocks_bytes)
       throw std::runtime_error(
           fmt::format("the header is followed by {} bytes, but its blocks have {}", blocks_bytes, used));
   } catch (const std::exception& error) {  // from the JSON library, or thrown above
-    fail(ErrorKind::data, "{}: unusable header: {}", path_.string(), error.what());
+    fail(ErrorKind::data, "{}: the header is not valid: {}", path_.string(), error.what());
   }
 }
 
@@ -297,7 +301,8 @@ std::vector<std::string> PackedFile::split_names() const {
 
 const PackedFile::PackedSplit& PackedFile::find(const std::string& name) const {
   const auto found = std::ranges::find(splits_, name, &PackedSplit::name);
-  if (found == splits_.end()) fail(ErrorKind::data, "{}: has no split '{}'", path_.string(), name);
+  if (found == splits_.end())
+    fail(ErrorKind::data, "{}: the file contains no split '{}'", path_.string(), name);
   return *found;
 }
 
@@ -328,7 +333,7 @@ class PackedFile::Source final : public ImageSource {
 
  private:
   std::shared_ptr<const PackedFile> file_;
-  const Pixels& pixels_;  // of file_
+  const Pixels& pixels_;  // a member of *file_
 };
 
 Split PackedFile::split(const std::string& name) const {
@@ -393,7 +398,7 @@ LoadedScene load_packed(const std::filesystem::path& path, const DatasetOptions&
   LoadedScene scene;
   for (const std::string& name : file->split_names())
     scene.splits.push_back(options.load_images ? PackedFile::split_on_demand(file, name) : file->split(name));
-  if (scene.splits.empty()) fail(ErrorKind::data, "{}: has no views", path.string());
+  if (scene.splits.empty()) fail(ErrorKind::data, "{}: the file contains no views", path.string());
   if (const auto points = file->points()) {
     WorldPoints& target = scene.points.emplace();
     for (const auto& p : points->positions) target.positions.push_back({p[0], p[1], p[2]});

@@ -1,13 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
-// PackedData and PackedFile store a data set in one file (.ubsd): cameras, 8-bit images as they are used in
-// training (composited and reduced), their masks and initial points, all with checksums. Such a file loads
-// fast and without an image library. Layout, little-endian:
+// A packed file (.ubsd) contains a whole data set: cameras, images with 8 bits as they are used in training
+// (composited and reduced), their masks, and initial points. All parts have checksums. Such a file is loaded
+// fast and without an image library. write_packed() writes a file from PackedData, and PackedFile reads it.
+// The layout of a file is as follows; numbers are little-endian:
 //   "UBSDATA\x1a" | u32 version | u32 CRC-32 of the header | u64 bytes of the header | header (JSON) | blocks
 // The header describes each block by its offset from the end of the header, its size and its CRC-32. Version
-// 2 adds a block "mask" (one byte per pixel, 0 = does not count) for views that have a mask. A view that
-// shows a part of a wide image has the members "part_of" (the name of that image) and "turn"
-// (View::turn_in_wide). Version 3 adds a list "wide_images" to each split, with the names, lenses and pixels
-// of these images. A file gets the lowest version that describes it.
+// 2 adds a block "mask" for views that have a mask. It has one byte per pixel, which is 0 if the pixel is
+// masked. A view that shows a part of a wide image has the members "part_of" (the name of the wide image) and
+// "turn" (View::turn_in_wide). Version 3 adds a list "wide_images" to each split, with the names, lenses and
+// pixels of the wide images. A file gets the lowest version that supports its contents.
 #pragma once
 
 #include <array>
@@ -26,21 +27,25 @@ namespace ubs {
 struct PackedData {
   std::vector<Split> splits;
   std::optional<PointCloud> points;
-  std::array<double, 3> background{0, 0, 0};        // the images were composited on it
-  int downscale = 1;                                // the images were reduced by this factor
-  std::array<double, 3> offset{0, 0, 0};            // world = local + offset; cameras and points are local
-  std::vector<std::array<double, 2>> depth_bounds;  // near, far of each training view; may be empty
+  std::array<double, 3> background{0, 0, 0};  // colour on which the images were composited
+  int downscale = 1;                          // factor by which the images were reduced
+  // Positions of cameras and points are stored relative to this offset: world position = position + offset.
+  std::array<double, 3> offset{0, 0, 0};
+  // Smallest and largest depth of the scene in each training view, if the data state them.
+  std::vector<std::array<double, 2>> depth_bounds;
 };
 
-// Writes a packed file. Every image is loaded twice, one at a time, because the header comes first and
-// contains the checksums of all images. Throws Error(data) if an image differs the second time.
+// Writes a packed file. The header is written first and contains the checksums of all images. So that only
+// one image at a time is in memory, every image is loaded twice: once for the header, and once to write its
+// pixels. Throws Error(data) if the two results differ.
 void write_packed(const std::filesystem::path& path, const PackedData& data);
 
-// Recognises a packed file by its first bytes. Returns false for folders and for files that cannot be read.
+// Returns whether a path is a packed file, which is recognised by its first bytes. Returns false for folders
+// and for files that cannot be read.
 bool is_packed(const std::filesystem::path& path);
 
-// An open packed file. Images are read on request, one split at a time. Any damage is reported as Error(data)
-// that names the file and the damaged part.
+// PackedFile is an open packed file. Images are read when they are loaded. If the file is damaged, functions
+// throw Error(data) with a message that names the file and the damaged part.
 class PackedFile {
  public:
   explicit PackedFile(std::filesystem::path path);
@@ -49,7 +54,7 @@ class PackedFile {
   Split split(const std::string& name) const;
   std::optional<PointCloud> points() const;
   const std::array<double, 3>& background() const { return background_; }
-  bool opaque() const;  // no image contains a part of the background
+  bool opaque() const;  // returns whether the background is visible in none of the images
   int downscale() const { return downscale_; }
   const std::array<double, 3>& offset() const { return offset_; }
   const std::vector<std::array<double, 2>>& depth_bounds() const { return depth_bounds_; }
@@ -63,7 +68,7 @@ class PackedFile {
     std::uint32_t crc = 0;
   };
   struct Pixels {
-    std::string name;  // of the view or wide image
+    std::string name;  // name of the view or of the wide image
     int width = 0, height = 0;
     std::optional<Block> image, mask;
   };

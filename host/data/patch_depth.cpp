@@ -10,11 +10,12 @@
 namespace ubs {
 namespace {
 
-// Minimum standard deviation of a patch; a patch with less contrast cannot be recognised in another image.
+// Minimum standard deviation of the grey values of a patch. A patch with less contrast cannot be recognised
+// in another image.
 constexpr double kMinContrast = 2;
 
-// Interpolates between four pixels: `top` and its right neighbour, and the two in the row below. `across` and
-// `down` are the position between them, 0 to 1.
+// Interpolates between four pixels: `top`, its right neighbour, and the two pixels below them. `across` and
+// `down` are the position between these pixels, from 0 to 1.
 float interpolated(const float* top, int width, float across, float down) {
   const float* const low = top + width;
   const float upper = top[0] + across * (top[1] - top[0]), lower = low[0] + across * (low[1] - low[0]);
@@ -52,8 +53,8 @@ Patch::Patch(const GreyPicture& from, const Pixel& at)
   plain_ = !normalise(values_);
 }
 
-// The samples of the patch at a depth d project to (x, y, z) + shift / d in the image of another camera, in
-// homogeneous pixels. Only the shift depends on the depth.
+// Computes the projection of the samples of the patch. A sample at the depth d has the homogeneous position
+// (x, y, z) + shift / d in the image of another camera, where (x, y, z) and `shift` do not depend on d.
 Patch::Projected Patch::projected(const GreyPicture& other) const {
   const Camera &a = from_.camera, &b = other.camera;
   const RotationMatrix back = transposed(a.rotation);
@@ -62,7 +63,8 @@ Patch::Projected Patch::projected(const GreyPicture& other) const {
     return Vec3{(b.fx * p[0] + b.cx * p[2]) / other.across - 0.5 * p[2],
                 (b.fy * p[1] + b.cy * p[2]) / other.down - 0.5 * p[2], p[2]};
   };
-  // The corner of the patch, one step along its rows, and one along its columns, at depth 1.
+  // These are the corner of the patch, a step of one pixel along its rows, and a step of one pixel along its
+  // columns, all at depth 1.
   const Vec3 corner = in_pixels(in_other({(corner_[0] - a.cx) / a.fx, (corner_[1] - a.cy) / a.fy, 1}));
   const Vec3 along = in_pixels(in_other({from_.across / a.fx, 0, 0}));
   const Vec3 down = in_pixels(in_other({0, from_.down / a.fy, 0}));
@@ -82,7 +84,7 @@ double Patch::agreement(const Projected& other, double depth) const {
   const GreyPicture& picture = *other.picture;
   const auto inverse = static_cast<float>(1 / depth);
   const float x = other.shift[0] * inverse, y = other.shift[1] * inverse, z = other.shift[2] * inverse;
-  // These two loops are simple enough for the compiler to vectorise them.
+  // The positions are computed in a loop of its own, because the compiler vectorises such simple loops.
   Values columns, rows;
   int outside = 0;
   const auto right = static_cast<float>(picture.width - 1), bottom = static_cast<float>(picture.height - 1);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// See undistort.hpp. This file has everything except the resampling of pixels.
+// See undistort.hpp. This file contains all functions except the resampling of pixels.
 #include <algorithm>
 #include <cmath>
 #include <numbers>
@@ -12,19 +12,21 @@
 namespace ubs {
 namespace {
 
-// Maximum half size of the ideal image, in multiples of the distorted one. A fisheye of 180 degrees would
-// need an infinite plane, and the border of such an image has too little detail for so many pixels.
+// Maximum half size of the ideal image, as a multiple of that of the distorted image. The ideal image of a
+// fisheye lens of 180 degrees would be infinitely large, and the border of the distorted image has too little
+// detail for so many pixels.
 constexpr double kMaxGrowth = 2.0;
 constexpr int kBorderSamples = 64;
 
-// Images wider than this are split into faces: a pinhole image of this angle has three times as many pixels
-// per degree at its border as at its centre.
+// Images with a larger angle of view are split into faces. A pinhole image of this angle has three times as
+// many pixels per degree at its border as at its centre.
 constexpr double kWideDegrees = 110;
-constexpr int kSmallestFace = 16;  // [px]; SSIM needs at least its window of 11 pixels
+constexpr int kSmallestFace = 16;  // [px] minimum side; the window of SSIM alone has 11 pixels
 constexpr int kFaceSamples = 256;  // maximum number of samples across a face
 
-// Returns the ideal coordinate of a pixel position in the distorted image, clamped to the limits; the nearest
-// limit if the position has no ideal coordinate.
+// Returns the position in the plane z = 1 that the lens shows at the position (u, v) [px] of the distorted
+// image. The result is clamped to `limits` (left, right, top, bottom). If the lens shows no such position,
+// returns the nearest limits.
 std::array<double, 2> ideal_position(const Lens& lens, double u, double v,
                                      const std::array<double, 4>& limits) {
   double x = u < lens.cx ? limits[0] : limits[1], y = v < lens.cy ? limits[2] : limits[3];
@@ -33,7 +35,8 @@ std::array<double, 2> ideal_position(const Lens& lens, double u, double v,
   return {std::clamp(x, limits[0], limits[1]), std::clamp(y, limits[2], limits[3])};
 }
 
-// Returns left, right, top and bottom of the largest rectangle inside of the undistorted image.
+// Returns left, right, top and bottom of the largest rectangle in the plane z = 1 that the distorted image
+// covers.
 std::array<double, 4> inner_rectangle(const Lens& lens, const std::array<double, 4>& limits) {
   std::array<double, 4> r = limits;
   for (int i = 0; i <= kBorderSamples; ++i) {
@@ -49,7 +52,7 @@ std::array<double, 4> inner_rectangle(const Lens& lens, const std::array<double,
 
 struct Face {
   const char* name;
-  RotationMatrix rotation;  // rows: right, down and forward of the face, in camera axes of the image
+  RotationMatrix rotation;  // its rows are the directions right, down and forward of the face, in camera axes
 };
 constexpr Face kFaces[] = {
     {"front", {1, 0, 0, 0, 1, 0, 0, 0, 1}},  {"right", {0, 0, -1, 0, 1, 0, 1, 0, 0}},
@@ -61,8 +64,9 @@ Ray from_face(const RotationMatrix& face, const Ray& ray) { return rotated(trans
 
 double angle_to_axis(const Ray& ray) { return std::atan2(std::hypot(ray[0], ray[1]), ray[2]); }
 
-// Returns the angle up to which the distance from the principal point grows with the angle in all directions.
-// Beyond it, the polynomial of the lens folds back into the image.
+// Returns the largest angle to the optical axis that can be used. Up to this angle, the distance from the
+// principal point grows with the angle in all directions. For larger angles, the polynomial of the lens folds
+// back into the image.
 double largest_angle(const Lens& lens) {
   if (lens.formula && lens.formula->all_directions) return std::numbers::pi;
   constexpr int kDirections = 16, kSteps = 720;
@@ -83,7 +87,8 @@ double largest_angle(const Lens& lens) {
   return std::numbers::pi * least / kSteps;
 }
 
-// Returns the pixel that sees a ray, if it is at least `margin` pixels away from the border of the image.
+// Returns the position of a ray in the image [px], or nullopt if the lens does not show the ray, or if the
+// position is less than `margin` pixels away from the border of the image.
 std::optional<PlanePoint> seen(const Lens& lens, double max_angle, const Ray& ray, double margin = 0) {
   const bool all = lens.formula && lens.formula->all_directions;
   if (!all && angle_to_axis(ray) > max_angle) return std::nullopt;
@@ -123,8 +128,8 @@ double border_angle(const Lens& lens, double column, double row) {
   return 0;
 }
 
-// Returns the resolution of the image at the visible ray that is nearest to the centre of the face; 0 if no
-// ray of the face is visible.
+// Returns the resolution of the image at the visible ray that is nearest to the centre of the face, or 0 if
+// no ray of the face is visible.
 double face_resolution(const Lens& lens, const Face& face, double max_angle) {
   constexpr int kGrid = 64;
   std::vector<std::pair<double, Ray>> rays;
@@ -234,7 +239,7 @@ double percent_left_out(const std::vector<Undistortion>& plans) {
       const auto shows = [&](const Undistortion& plan) {
         const Ray r = rotated(plan.rotation, *ray);
         const double column = r[0] / r[2] * plan.fx + plan.cx, row = r[1] / r[2] * plan.fy + plan.cy;
-        constexpr double kSlack = 1e-6;  // for rays on the edge of two faces
+        constexpr double kSlack = 1e-6;  // tolerance for rays on the edge between two faces
         return r[2] > 0 && column >= -kSlack && column <= plan.width + kSlack && row >= -kSlack &&
                row <= plan.height + kSlack;
       };

@@ -40,8 +40,8 @@ int infer_dimension(const PlyElement& header, const std::string& name) {
   const int query = count_numbered(header, "precision") > 0 ? count_numbered(header, "mean") : 0;
   const int dim = count_numbered(header, "scale") + query;
   if (dim < kMinDim || dim > kMaxDim)
-    fail(ErrorKind::data, "{}: {} scale_* properties: a splat file has N = {} to {}", name, dim, kMinDim,
-         kMaxDim);
+    fail(ErrorKind::data, "{}: the file has {} scale_* properties, but must have {} to {}", name, dim,
+         kMinDim, kMaxDim);
   return dim;
 }
 
@@ -54,7 +54,7 @@ std::vector<const PlyProperty*> match_properties(const PlyElement& header, const
       fail(ErrorKind::data, "{}: property '{}' is missing for N = {}{}", name, wanted, layout.dim,
            foreign_format_hint(header));
   }
-  // If a file has more properties of a known kind than expected, it is of another variant or dimension.
+  // If a file has more properties of a known kind than expected, it has another variant or dimension.
   const std::vector<std::string> names = layout.property_names();
   for (const char* stem : {"beta", "mean", "l_triangle", "precision", "theta", "rot", "f_dc", "f_rest"}) {
     const auto expected = static_cast<int>(std::ranges::count_if(
@@ -92,7 +92,8 @@ ModelVariant take_variant(std::vector<std::string>& comments, const std::string&
   return variant;
 }
 
-// Returns the layout. A contradiction in a file is an error of the data, not of the usage.
+// Returns the layout for this dimension and variant. If they contradict each other, throws Error(data),
+// because they are read from a file.
 ParameterLayout file_layout(int dim, const ModelVariant& variant, const std::string& name) {
   try {
     return ParameterLayout(dim, variant);
@@ -101,7 +102,7 @@ ParameterLayout file_layout(int dim, const ModelVariant& variant, const std::str
   }
 }
 
-// ---- Groups: elements vertex, vertex_<N>d ... and the comment that lists them ----
+// ---- Groups of splats: the elements vertex and vertex_<N>d, and the comment that lists them ----
 
 constexpr std::string_view kGroupsKey = "groups";
 
@@ -189,11 +190,11 @@ void check_writable(const SplatModel& model, const std::filesystem::path& path) 
       std::find_if(model.values.begin(), model.values.end(), [](float v) { return !std::isfinite(v); });
   if (bad == model.values.end()) return;
   const std::size_t at = static_cast<std::size_t>(bad - model.values.begin());
-  fail(ErrorKind::numerical, "{}: not written: splat {}: '{}' is {}", path.string(), at % model.count,
-       layout.property_names()[at / model.count], *bad);
+  fail(ErrorKind::numerical, "{}: the file is not written: in splat {}, '{}' is {}", path.string(),
+       at % model.count, layout.property_names()[at / model.count], *bad);
 }
 
-// Writes the vertices. Transposes one block at a time to limit the additional memory.
+// Writes the vertices. One block of vertices at a time is transposed, to limit the additional memory.
 void write_rows(AtomicFile& file, const SplatModel& model) {
   const std::size_t rows = static_cast<std::size_t>(model.layout().count);
   constexpr std::size_t kBlock = 4096;

@@ -1,13 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
-// These functions read and write the published splat file (method.md 5.1): binary_little_endian, one element
-// vertex, float32 properties in the order of ParameterLayout, raw values. The reader finds properties by
-// name, in any order and of any scalar type, ignores unknown ones and infers N from the scale_* properties.
-// The variant of the method (model_variant.hpp) is recorded in comment lines `ubs <key> <value>`; the
-// published variant has none.
-// Models with splats of several dimensions have groups. The first group is the element vertex, so that other
-// tools find splats that they can read; the other groups are elements vertex_<N>d after it. A comment line
-// `ubs groups 7,6,3` lists all groups. Because of this line, ubs versions that do not support groups refuse
-// the file instead of rendering a part of it.
+// These functions read and write splat files in the format of the published code (method.md 5.1). This is a
+// PLY file of the format binary_little_endian with one element `vertex`. Its float32 properties are raw
+// values in the order of ParameterLayout. The reader finds properties by name, accepts them in any order and
+// with any scalar type, ignores unknown properties and infers N from the scale_* properties. The variant of
+// the method (model_variant.hpp) is recorded in comment lines `ubs <key> <value>`; files of the published
+// variant have no such lines. Models with splats of several dimensions have groups. The first group is the
+// element vertex, so that other tools find splats that they can read; the other groups are elements
+// vertex_<N>d after it. A comment line `ubs groups 7,6,3` lists all groups. Because of this line, ubs
+// versions that do not support groups refuse the file instead of rendering a part of it.
 #pragma once
 
 #include <filesystem>
@@ -20,8 +20,8 @@
 namespace ubs {
 
 // Reads a model of one group. `comments`, if passed, receives the other comment lines of the header, without
-// the word "comment ". Unknown keys or values, properties that do not fit the variant, and several groups are
-// errors.
+// the word "comment ". Throws Error(data) for unknown keys or values, for properties that do not fit the
+// variant, and for files with several groups.
 SplatModel read_splat_ply(const std::filesystem::path& path, std::vector<std::string>* comments = nullptr);
 
 // Reads a model of one or several groups. `remarks`, if passed, receives a sentence for each part of the file
@@ -29,8 +29,8 @@ SplatModel read_splat_ply(const std::filesystem::path& path, std::vector<std::st
 MixedModel read_mixed_ply(const std::filesystem::path& path, std::vector<std::string>* comments = nullptr,
                           std::vector<std::string>* remarks = nullptr);
 
-// Writes byte for byte the same file as the published code, plus one comment line per entry of `comments`
-// (the published readers ignore them). If a value is not finite, throws and writes nothing.
+// Writes the same bytes as the published code, and in addition one comment line for each entry of `comments`,
+// which the published code ignores. If a value is not finite, throws and writes nothing.
 void write_splat_ply(const std::filesystem::path& path, const SplatModel& model,
                      std::span<const std::string> comments = {});
 // For a model with one group, writes the same file as write_splat_ply.

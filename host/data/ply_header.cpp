@@ -105,7 +105,7 @@ class HeaderParser {
   std::string next_line() {
     std::string line;
     if (++line_number_ > kMaxHeaderLines || !std::getline(stream_, line) || stream_.eof())
-      fail(ErrorKind::data, "{}: PLY header has no end_header line (file truncated?)", name_);
+      fail(ErrorKind::data, "{}: the PLY header has no end_header line; the file may be truncated", name_);
     if (!line.empty() && line.back() == '\r') line.pop_back();
     return line;
   }
@@ -150,7 +150,8 @@ class HeaderParser {
   void parse_property(std::istringstream& words) {
     std::string type, property;
     words >> type >> property;
-    if (header_.elements.empty()) fail(ErrorKind::data, "{}: property before any element", where());
+    if (header_.elements.empty())
+      fail(ErrorKind::data, "{}: there is a property before any element", where());
     PlyElement& element = header_.elements.back();
     if (type == "list") {
       if (header_.elements.size() == 1)
@@ -158,7 +159,7 @@ class HeaderParser {
       element.has_list = true;
       return;
     }
-    if (property.empty()) fail(ErrorKind::data, "{}: property without a name", where());
+    if (property.empty()) fail(ErrorKind::data, "{}: a property has no name", where());
     if (element.find(property)) fail(ErrorKind::data, "{}: property '{}' appears twice", where(), property);
     const PlyType parsed = parse_type(type, where());
     element.properties.push_back({property, parsed, element.stride});
@@ -173,8 +174,8 @@ class HeaderParser {
   std::size_t line_number_ = 0;
 };
 
-// Checks the promised number of vertices against the `available` bytes after the header. An ascii value takes
-// at least a digit and a separator.
+// Throws if the number of vertices in the header does not match the `available` bytes after the header. In
+// ASCII files, a value takes at least two bytes: a digit and a separator.
 void check_size(const PlyHeader& header, std::size_t available, const std::string& name) {
   if (header.stride == 0)
     fail(ErrorKind::data, "{}: element {} has no properties", name, header.PlyElement::name);
@@ -191,7 +192,7 @@ void check_size(const PlyHeader& header, std::size_t available, const std::strin
 void check_elements(const PlyHeader& header, std::size_t available, const std::string& name) {
   for (const PlyElement& element : header.elements) {
     if (element.has_list || element.stride == 0)
-      fail(ErrorKind::data, "{}: element {} has a list or no properties", name, element.name);
+      fail(ErrorKind::data, "{}: element {} has a list property, or no properties", name, element.name);
     if (element.count > available / element.stride)
       fail(ErrorKind::data,
            "{}: truncated: the header announces {} rows of element {}, but there are bytes for {}", name,
@@ -209,8 +210,8 @@ void check_finite(double value, std::size_t row, const PlyProperty& property, co
     fail(ErrorKind::data, "{}: vertex {}: property '{}' is {}", name, row, property.name, value);
 }
 
-// Reads ascii rows. Each row is one line, so properties that are not requested must be present too; their
-// values are skipped.
+// Reads the rows of an ASCII file. Each row is one line. The properties that are not requested must be
+// present too; their values are skipped.
 template <typename Real>
 void read_ascii_rows(std::ifstream& stream, const PlyHeader& header,
                      const std::vector<const PlyProperty*>& properties, const std::vector<Real*>& rows,
@@ -219,7 +220,7 @@ void read_ascii_rows(std::ifstream& stream, const PlyHeader& header,
   std::string line;
   for (std::size_t i = 0; i < header.count; ++i) {
     const std::string where = fmt::format("{}:{}", name, header.lines + i + 1);
-    if (!std::getline(stream, line)) fail(ErrorKind::data, "{}: file ends before vertex {}", where, i);
+    if (!std::getline(stream, line)) fail(ErrorKind::data, "{}: the file ends before vertex {}", where, i);
     const char* at = line.data();
     const char* const end = at + line.size();
     for (std::size_t p = 0; p < values.size(); ++p) {
@@ -258,7 +259,7 @@ void read_rows(std::ifstream& stream, const PlyHeader& header,
   for (std::size_t first = 0; first < header.count; first += block) {
     const std::size_t n = std::min(block, header.count - first);
     stream.read(reinterpret_cast<char*>(bytes.data()), static_cast<std::streamsize>(n * header.stride));
-    if (!stream) fail(ErrorKind::data, "{}: truncated near vertex {}", name, first);
+    if (!stream) fail(ErrorKind::data, "{}: the file is truncated near vertex {}", name, first);
     for (std::size_t r = 0; r < properties.size(); ++r) {
       const PlyProperty& property = *properties[r];
       for (std::size_t i = 0; i < n; ++i) {
@@ -328,7 +329,8 @@ void read_ply_rows(std::ifstream& stream, const PlyHeader& header,
 }
 
 std::string list_names(const std::vector<std::string>& names) {
-  // "motion_8" is split into "motion_" and 8; a name without a number is listed as it is.
+  // This function splits "motion_8" into "motion_" and 8. A name that does not end with a number is not
+  // split.
   const auto parts = [](const std::string& name) {
     const std::size_t last = name.find_last_not_of("0123456789");
     const std::size_t stem = last == std::string::npos ? 0 : last + 1;
@@ -373,7 +375,7 @@ std::vector<std::byte> read_ply_bytes(std::ifstream& stream, const PlyElement& e
   std::vector<std::byte> bytes(element.count * element.stride);
   stream.read(reinterpret_cast<char*>(bytes.data()), static_cast<std::streamsize>(bytes.size()));
   if (static_cast<std::size_t>(stream.gcount()) != bytes.size())
-    fail(ErrorKind::data, "{}: truncated in element {}", file_name, element.name);
+    fail(ErrorKind::data, "{}: the file is truncated in element {}", file_name, element.name);
   return bytes;
 }
 

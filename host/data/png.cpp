@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// See png.hpp. Filter and compression are those of OpenCV; they are fast and suit rendered images.
+// See png.hpp. The filter and the compression are those that OpenCV uses; they are fast and suit rendered
+// images.
 #include "host/data/png.hpp"
 
 #include <cstdint>
@@ -46,7 +47,8 @@ std::vector<std::byte> png_rows(const PngForm& form, const void* samples) {
 }  // namespace
 
 std::vector<std::byte> encode_png(const PngForm& form, const void* samples) {
-  constexpr int kColourTypes[] = {0, 0, 0, 2, 6};  // by number of channels: grey, RGB, RGBA
+  // Colour types of PNG, indexed by the number of channels: 1 for grey, 3 for RGB, 4 for RGBA.
+  constexpr int kColourTypes[] = {0, 0, 0, 2, 6};
   std::vector<std::byte> header;
   put32(header, static_cast<std::uint32_t>(form.width));
   put32(header, static_cast<std::uint32_t>(form.height));

@@ -16,13 +16,14 @@
 namespace ubs {
 namespace {
 
-// Upper limit on pixels per byte, checked because memory is allocated before anything is decoded. Deflate
-// expands one byte to at most 1032 bytes, and a byte holds at most eight pixels of one bit.
+// Maximum number of pixels per byte of a file. It is checked because memory for all pixels is allocated
+// before they are decoded. Deflate expands one byte to at most 1032 bytes, and a byte holds at most eight
+// pixels of one bit.
 constexpr std::size_t kMaxPngPixelsPerByte = std::size_t{8} * 1032;
-constexpr unsigned kMaxAcross = 1u << 20;  // the limit of OpenCV
+constexpr unsigned kMaxAcross = 1u << 20;  // maximum width and height; OpenCV has the same limit
 
-// Data that libpng's callbacks use. No member has a destructor, because errors jump over destructors
-// (longjmp).
+// Source contains the data that libpng's callbacks use. No member has a destructor, because errors leave the
+// functions with longjmp(), which does not call destructors.
 struct Source {
   std::jmp_buf back;
   char message[256];
@@ -40,30 +41,30 @@ void ignore(png_structp, const char*) {}
 
 void read(png_structp png, png_bytep to, std::size_t size) {
   auto* source = static_cast<Source*>(png_get_io_ptr(png));
-  if (size > source->rest.size()) leave(png, "it ends too early");
+  if (size > source->rest.size()) leave(png, "the file ends too early");
   std::memcpy(to, source->rest.data(), size);
   source->rest = source->rest.subspan(size);
 }
 
-// Returns false after an error, whose message is in `source`.
+// Decodes the file into `pixels`. Returns false after an error, and stores its message in `source`.
 bool decode(png_structp png, png_infop info, Source& source, std::size_t file_bytes, const std::string& name,
             cv::Mat& pixels) {
   if (setjmp(source.back)) return false;
   png_set_read_fn(png, &source, read);
-  // This also applies to tRNS: it is an ancillary chunk, but it changes pixels.
+  // A wrong checksum is an error in ancillary chunks too, because one of them, tRNS, changes pixels.
   png_set_crc_action(png, PNG_CRC_ERROR_QUIT, PNG_CRC_ERROR_QUIT);
   png_set_user_limits(png, kMaxAcross, kMaxAcross);
   png_read_info(png, info);
   const std::size_t width = png_get_image_width(png, info), height = png_get_image_height(png, info);
   if (width * height / kMaxPngPixelsPerByte > file_bytes) {
-    std::snprintf(source.message, sizeof source.message, "%zu x %zu pixels in %zu bytes", width, height,
-                  file_bytes);
+    std::snprintf(source.message, sizeof source.message, "%zu x %zu pixels cannot be stored in %zu bytes",
+                  width, height, file_bytes);
     return false;
   }
   if (width * height > kMaxDecodedPixels)
     fail(ErrorKind::data, "{}: {} x {} pixels are too many: images can have at most {}", name, width, height,
          kMaxDecodedPixels);
-  png_set_expand(png);  // palettes, fewer than 8 bits, transparent colours
+  png_set_expand(png);  // expands palettes, samples with fewer than 8 bits, and transparent colours
   png_set_bgr(png);
   if (const int type = png_get_color_type(png, info);
       (type & PNG_COLOR_MASK_COLOR) == 0 &&

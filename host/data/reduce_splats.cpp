@@ -35,7 +35,8 @@ struct Reduced {
   double covariance[3][3] = {};
 };
 
-// Computes the moments of the mixture of the slices, weighted by their opacities.
+// Computes the mean and the covariance of the mixture of the slices, weighted by their opacities. `rule` is
+// ReduceOptions::opacity.
 Reduced combine(const std::vector<Slice>& slices, const std::string& rule) {
   double sum = 0, squares = 0, largest = 0;
   for (const auto& s : slices) {
@@ -68,8 +69,8 @@ void store(ImportedSplats& out, std::size_t i, const Reduced& r, double beta, bo
   out.opacity_logits[i] = logit_of(r.opacity);
 }
 
-// Converts a model of N = 3. Nothing has to be fixed or averaged: splats of every variant of N = 3 have axes,
-// so only the kernel is replaced.
+// Converts a model with N = 3. Its splats depend on neither time nor view direction, so nothing is averaged,
+// and only the kernel is replaced.
 ImportedSplats with_gaussian_kernel(const SplatModel& model) {
   ImportedSplats out = to_imported_splats(model);
   for (std::size_t i = 0; i < out.betas.size(); ++i) {
@@ -126,7 +127,7 @@ double support_ratio(double beta) { return std::sqrt(2 * beta + 1.49); }
 
 ImportedSplats reduce_splats(const SplatModel& model, const ReduceOptions& options) {
   if (options.opacity != "mean" && options.opacity != "weighted" && options.opacity != "max")
-    fail(ErrorKind::usage, "reduction '{}': choose mean, weighted or max", options.opacity);
+    fail(ErrorKind::usage, "unknown reduction '{}': choose mean, weighted or max", options.opacity);
   if (model.dim > 3 && !Slicer::knows(model.variant))
     fail(ErrorKind::usage,
          "models of the variant '{}' cannot be converted to Gaussians: only the published variant with any "
@@ -138,8 +139,8 @@ ImportedSplats reduce_splats(const SplatModel& model, const ReduceOptions& optio
       out.opacity_logits[i] = std::numeric_limits<float>::quiet_NaN();
   clean(out);
   for (auto& s : out.report.skipped)
-    if (s.why == "opacity not finite")
-      s.why = fmt::format("opacity below {:.4f} from every direction", options.least_opacity);
+    if (s.why == "the opacity is not a number")
+      s.why = fmt::format("the reduced opacity is below {:.4f}", options.least_opacity);
   return out;
 }
 

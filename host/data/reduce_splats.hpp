@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// reduce_splats() converts a model to Gaussians for third-party formats. It fixes the time, averages over the
-// view direction (spherical harmonics are kept), and replaces the Beta kernel by the nearest Gaussian. `ubs
-// convert --data` measures the loss of quality by rendering. Models that already consist of Gaussians are
-// converted without loss by gaussian_model.hpp.
+// reduce_splats() converts a model to Gaussians for third-party formats. It takes the splats at a fixed time,
+// averages their positions, shapes and opacities over the view direction, and replaces the Beta kernel by the
+// nearest Gaussian. Colours, including spherical harmonics, are kept. `ubs convert --data` measures the loss
+// of quality by rendering. Models that already consist of Gaussians are converted without loss by the
+// functions of gaussian_model.hpp.
 #pragma once
 
 #include <array>
@@ -16,19 +17,21 @@
 namespace ubs {
 
 struct ReduceOptions {
-  double time = 0;
-  // How to combine the opacities of all directions. mean: the mean, which is optimal in least squares if all
-  // directions count alike. weighted: the mean weighted by the opacity itself, so that splats which are
-  // visible from anywhere stay opaque. max: the maximum.
+  double time = 0;  // time at which the model is converted, from 0 to 1
+  // How the opacities of all directions are combined. "mean" takes the mean, which is the best approximation
+  // in least squares if all directions are equally important. "weighted" takes the mean weighted by the
+  // opacities, so that splats that are visible from only some directions stay more opaque. "max" takes the
+  // maximum.
   std::string opacity = "mean";
   // Positions that the model is viewed from. If empty, 32 directions spread evenly over the sphere are used.
   std::vector<std::array<double, 3>> viewpoints;
-  // Splats below this opacity from all directions are dropped, because viewers skip them.
+  // Splats whose combined opacity is below this value are dropped, because viewers skip them.
   float least_opacity = 1.0f / 255;
 };
 
-// Returns support / sigma of the Gaussian nearest to a Beta kernel. The formula fits the min-max optima of
-// method.md 2.7 within 0.5% (beta 4, 6.6, 10.9, 29.6).
+// Returns the ratio of the support radius of a Beta kernel to the standard deviation of the nearest Gaussian.
+// For beta = 4, 6.6, 10.9 and 29.6, the formula differs by less than 0.5% from the optima of method.md 2.7,
+// which minimise the largest difference between the two kernels.
 double support_ratio(double beta);
 
 // Throws Error(usage) for variants of more than three dimensions that Slicer does not support.

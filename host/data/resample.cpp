@@ -15,7 +15,9 @@ namespace ubs {
 
 namespace {
 
-constexpr int kWeightBits = 22;  // the other 10 of 32 bits hold the value (8) and overshoot (2)
+// Number of fractional bits of a weight. Of the other 10 bits of a sum, 8 are for the value and 2 for
+// overshoot.
+constexpr int kWeightBits = 22;
 
 double keys_kernel(double x) {
   constexpr double a = -0.5;

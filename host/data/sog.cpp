@@ -1,13 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
-// Reads SOG versions 2 and 1 and writes version 2; see foreign_formats.hpp. Each pixel of an image stands for
-// one splat, row by row.
-// - Positions: two bytes per axis between bounds, after the transform sign(v) ln(|v| + 1).
-// - Log scales and constant harmonics: indices into codebooks of 256 numbers.
-// - Quaternions: their three smallest components.
-// - Further harmonics: an index into a palette with 64 entries per row and one pixel per harmonic. The bytes
-//   of the palette are indices into a third codebook.
-// Version 1 differs in two ways: instead of codebooks it has bounds, which the byte values divide into equal
-// steps, and it stores opacities as logits.
+// Reads SOG versions 2 and 1 and writes version 2; see foreign_formats.hpp. The values are stored in images
+// with one pixel per splat, row by row:
+// - Positions are transformed by sign(v) ln(|v| + 1), and stored in two bytes per axis, between bounds.
+// - Log scales and spherical harmonics of degree 0 are stored as indices into codebooks of 256 numbers.
+// - Quaternions are stored as their three smallest components.
+// - Spherical harmonics of higher degrees are stored as an index into a palette. The palette is an image
+//   with 64 entries per row and one pixel per coefficient of an entry. Its bytes are indices into a third
+//   codebook.
+// Version 1 differs in two ways. It has lower and upper bounds instead of codebooks, and a byte from 0 to 255
+// is a position between these bounds. And it stores opacities as logits.
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
@@ -28,13 +29,13 @@ namespace ubs {
 namespace {
 
 constexpr std::size_t kBook = 256, kPalette = 65536, kPaletteRow = 64;
-constexpr std::size_t kSplatBytes = 4 * (3 + 3 + 4 + 1);  // without harmonics
+constexpr std::size_t kSplatBytes = 4 * (3 + 3 + 4 + 1);  // memory of a splat without spherical harmonics
 constexpr int kBookRounds = 20;
-constexpr int kFirstMode = 252;            // alpha of a quaternion whose w is the largest component
-constexpr std::size_t kSplatsAByte = 100;  // more splats per byte of the file are implausible
+constexpr int kFirstMode = 252;            // alpha of the pixel of a quaternion whose largest component is w
+constexpr std::size_t kSplatsAByte = 100;  // maximum plausible number of splats per byte of a file
 constexpr std::size_t kSparePixels = 1 << 20;
-constexpr std::size_t kLargestMeta = 1 << 20;  // for comparison: three codebooks of 256 numbers take 20 KB
-// Keys that meta.json may have; a note names any others.
+constexpr std::size_t kLargestMeta = 1 << 20;  // maximum size of meta.json; its usual size is about 20 KB
+// Keys of meta.json that are used or known to be irrelevant. A note names all other keys.
 constexpr std::string_view kKnownKeys[] = {"version", "asset",  "count", "antialias", "model",
                                            "means",   "scales", "quats", "sh0",       "shN"};
 
@@ -79,8 +80,9 @@ std::uint8_t entry_of(const std::vector<float>& book, float v) {
   return static_cast<std::uint8_t>(above - book.begin() - (below ? 1 : 0));
 }
 
-// Clusters splats with similar further harmonics. While there are fewer cells than palette entries, splits
-// the cell with the largest squared error at the mean of its coordinate with the largest spread.
+// HarmonicCells divides splats into cells with similar spherical harmonics of the higher degrees. While there
+// are fewer cells than palette entries, it takes the cell with the largest squared error and splits it at the
+// mean of the coefficient with the largest spread.
 class HarmonicCells {
  public:
   HarmonicCells(const float* rows, std::size_t stride, std::size_t width, std::size_t count)
@@ -164,7 +166,7 @@ std::array<std::uint8_t, 4> sog_rotation(const std::array<float, 4>& q) {
   return out;
 }
 
-// An image with one pixel per splat, and a few more to fill the last row.
+// SplatImage is an image with one pixel per splat, and a few more pixels that fill the last row.
 class SplatImage {
  public:
   explicit SplatImage(std::size_t count) {
@@ -185,8 +187,8 @@ class SplatImage {
 
 // ---- Reading ----
 
-// Returns numbers of meta.json, at least `least` of them. Throws if one is null, which exporters write for
-// infinity and NaN.
+// Returns the numbers of an array of meta.json. Throws if the array has fewer than `least` elements, or if
+// one of them is null, which exporters write for infinity and NaN.
 std::vector<double> numbers_of(const Json& array, std::size_t least, const std::string& where) {
   if (!array.is_array() || array.size() < least)
     fail(ErrorKind::data, "{}: expected an array of {} numbers", where, least);
@@ -199,7 +201,7 @@ std::vector<double> numbers_of(const Json& array, std::size_t least, const std::
   return numbers;
 }
 
-// Returns the bytes of a file that meta.json names.
+// SogFiles is a function that returns the bytes of a file whose name is in meta.json.
 using SogFiles = std::function<std::vector<std::byte>(const std::string& member)>;
 
 struct SogImages {
@@ -225,13 +227,13 @@ struct SogImages {
   }
   // Returns the value that each byte of a channel stands for.
   std::vector<float> book(const char* group, std::size_t channel = 0) const {
-    std::vector<float> values(kBook);  // indices beyond the codebook of the file mean zero
+    std::vector<float> values(kBook);  // remains 0 for indices beyond the end of the codebook in the file
     if (version() == 2) {
       const std::vector<double> book = numbers(group, "codebook", 1);
       for (std::size_t b = 0; b < std::min(kBook, book.size()); ++b) values[b] = static_cast<float>(book[b]);
       return values;
     }
-    // For the further harmonics, all channels have the same bounds.
+    // For spherical harmonics of higher degrees (shN), the bounds are single numbers for all channels.
     const auto bound = [&](const char* key) {
       const Json& bounds = meta.at(group).at(key);
       return bounds.is_number() ? bounds.get<double>() : numbers(group, key, channel + 1)[channel];
@@ -243,7 +245,8 @@ struct SogImages {
   }
 };
 
-// Returns the degree of the harmonics. Version 1 states it only through the width of the palette.
+// Returns the degree of the spherical harmonics, computed from the width of the palette. It is needed for
+// version 1, which does not state the degree.
 int degree_of_palette(const Rgba8& palette, const std::string& name) {
   for (int degree = 1; degree <= 3; ++degree)
     if (palette.width == static_cast<int>(kPaletteRow) * ((degree + 1) * (degree + 1) - 1)) return degree;
@@ -257,7 +260,8 @@ void read_harmonics(const SogImages& images, ImportedSplats& splats) {
   // Version 1 does not state the number of palette entries.
   const std::size_t promised = images.version() == 1 ? kPaletteRow : meta.at("count").get<std::size_t>();
   if (promised > kPalette)
-    fail(ErrorKind::data, "{}: the palette has {} harmonics, which matches no degree", images.name, promised);
+    fail(ErrorKind::data, "{}: the palette has {} entries, which is more than the format allows", images.name,
+         promised);
   const std::vector<float> book = images.book("shN");
   const std::size_t rows = (promised + kPaletteRow - 1) / kPaletteRow;
   const Rgba8 palette = images.get("shN", 0, rows * kPaletteRow * higher), labels = images.get("shN", 1, n);
@@ -291,7 +295,8 @@ ImportedSplats read_images(const SogImages& images, std::size_t bytes) {
     splats.sh_degree = version == 1 ? degree_of_palette(images.get("shN", 0, 1), images.name)
                                     : meta["shN"].at("bands").get<int>();
   if (splats.sh_degree < 0 || splats.sh_degree > 3)
-    fail(ErrorKind::data, "{}: harmonics of degree {}", images.name, splats.sh_degree);
+    fail(ErrorKind::data, "{}: spherical harmonics of degree {} are not supported", images.name,
+         splats.sh_degree);
   const Rgba8 low = images.get("means", 0, n), high = images.get("means", 1, n);
   const Rgba8 scales = images.get("scales", 0, n), quats = images.get("quats", 0, n),
               sh0 = images.get("sh0", 0, n);
@@ -314,7 +319,7 @@ ImportedSplats read_images(const SogImages& images, std::size_t bytes) {
       splats.rotations[i][static_cast<std::size_t>(k)] = static_cast<float>(v);
       rest -= v * v;
     }
-    // If no component is marked as the largest, the rotation is not a quaternion; clean() drops such splats.
+    // If no component is marked as the largest, the rotation is left at 0, and clean() drops the splat.
     if (largest >= 0)
       splats.rotations[i][static_cast<std::size_t>(largest)] =
           static_cast<float>(std::sqrt(std::max(0.0, rest)));
@@ -439,7 +444,7 @@ ImportedSplats read_meta(const SogFiles& files, const Json& meta, std::size_t by
     fail(ErrorKind::data, "{}: meta.json does not match the images: {}", name, error.what());
   }
   splats.report.folder = name;
-  if (splats.antialiased) splats.report.note("trained with antialiasing");
+  if (splats.antialiased) splats.report.note("the splats were trained with antialiasing");
   return splats;
 }
 
@@ -449,7 +454,7 @@ Json parse_meta(std::span<const std::byte> text, const std::string& name) {
 
 ImportedSplats read_bundle(std::span<const std::byte> file, const std::string& name) {
   const ZipReader zip(file, name);
-  // Some archives contain the folder instead of only its files.
+  // In some archives, all files are in a folder. `prefix` is the name of this folder with a slash.
   std::vector<std::string> members = zip.names();
   std::string prefix;
   for (const std::string& member : members)
@@ -464,8 +469,8 @@ ImportedSplats read_bundle(std::span<const std::byte> file, const std::string& n
   ImportedSplats splats = read_meta(get, parse_meta(text, name), file.size(), name);
   std::erase_if(members, [](const std::string& member) { return member.ends_with('/'); });
   if (!members.empty())
-    splats.report.note(fmt::format("{} files of the archive that are not used (such as {})", members.size(),
-                                   members.front()));
+    splats.report.note(
+        fmt::format("{} files of the archive are not used (such as {})", members.size(), members.front()));
   return splats;
 }
 

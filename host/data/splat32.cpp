@@ -30,10 +30,10 @@ ImportedSplats read_splat32(const std::filesystem::path& path) {
   ByteReader in(bytes, name);
   for (std::size_t i = 0; i < splats.count(); ++i) {
     for (float& v : splats.positions[i]) v = in.read<float>();
-    // A negative scale becomes NaN, and the splat is dropped.
+    // The logarithm of a negative scale is NaN, so the splat is dropped.
     for (float& v : splats.log_scales[i]) v = std::log(in.read<float>());
-    // A flat splat has one scale of 0. Three scales of 0 mean that these bytes are not a splat; the format
-    // has no other sign of this.
+    // A flat splat has one scale of 0. If all three scales are 0, these bytes are not a splat. The format has
+    // no header that would show this in another way.
     if (std::ranges::all_of(splats.log_scales[i], [](float v) { return v == -INFINITY; }))
       splats.log_scales[i].fill(NAN);
     for (std::size_t c = 0; c < 3; ++c)
@@ -51,7 +51,7 @@ ImportedSplats read_splat32(const std::filesystem::path& path) {
 }
 
 void write_splat32(const std::filesystem::path& path, const ImportedSplats& splats) {
-  // An empty file could not be recognised as this format.
+  // An empty file is refused, because it could not be recognised as this format when it is read.
   if (splats.count() == 0) fail(ErrorKind::data, "{}: a .splat file needs at least one splat", path.string());
   AtomicFile file(path);
   for (std::size_t i = 0; i < splats.count(); ++i) {

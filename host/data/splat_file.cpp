@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
+// See splat_file.hpp.
 #include "host/data/splat_file.hpp"
 
 #include <fmt/ranges.h>
@@ -31,8 +32,8 @@ bool is_zip(const FileStart& start) { return start.bytes.starts_with("PK\3\4"); 
 bool is_gzip(const FileStart& start) { return start.bytes.starts_with("\x1f\x8b"); }
 bool is_ply(const FileStart& start) { return start.bytes.starts_with("ply"); }
 
-// Returns whether the text contains the key. Does not parse the JSON: if it is damaged, the reader of the
-// format reports the error.
+// Returns whether the text of a JSON file contains the key. The text is not parsed: if the JSON is damaged,
+// the reader of the format reports the error.
 bool has_key(const FileStart& start, std::string_view key) {
   return start.json.find(fmt::format("\"{}\"", key)) != std::string::npos;
 }
@@ -51,13 +52,14 @@ bool has_line(const FileStart& start, std::string_view begin) {
 
 std::vector<std::string> splat32_remarks(const ImportedSplats& splats) {
   if (splats.sh_degree == 0) return {};
-  return {fmt::format("harmonics of degree 1 to {} are lost: a .splat file stores one colour per splat",
-                      splats.sh_degree)};
+  return {
+      fmt::format("spherical harmonics of degree 1 to {} are lost: a .splat file stores one colour per splat",
+                  splats.sh_degree)};
 }
 
 // The formats, in the order in which they are tried. The order matters: files of ubs may have property names
-// of other formats, and a file that looks like Gaussians with extra columns may be a compressed file or hold
-// Beta splats.
+// of other formats, and a file that looks like Gaussians with extra columns may be a compressed file or
+// contain Beta splats.
 constexpr SplatFormat kFormats[] = {
     {.name = "ubs",
      .title = "UBS",
@@ -170,6 +172,7 @@ constexpr SplatFormat kFormats[] = {
 
 // ---- Files that hold no splats, and how messages describe them ----
 
+// OtherFile describes a kind of files without splats. what() returns the description of a file for messages.
 struct OtherFile {
   bool (*recognise)(const FileStart& start);
   std::string (*what)(const FileStart& start);
@@ -200,8 +203,9 @@ std::string what_gzip(const FileStart& start) {
   return fmt::format("{} compressed with gzip: unpack it first", inside);
 }
 
-// Kinds of files that hold no splats, tried if none of the formats fits. Scaffold-GS is an exception:
-// format_of() excludes it first, because its anchors have properties with the same names as splats.
+// Kinds of files that contain no splats. They are tried if no format was recognised. Files of Scaffold-GS
+// would be recognised as splats, because their anchors have properties with the same names, so format_of()
+// excludes these files first.
 constexpr OtherFile kOthers[] = {
     {[](const FileStart& s) { return s.bytes.empty(); },
      [](const FileStart&) -> std::string { return "an empty file"; }},
@@ -270,8 +274,8 @@ constexpr OtherFile kOthers[] = {
 
 bool written(const SplatFormat& format) { return format.ours() || format.write; }
 
-// Looks at the start of the unpacked data, only to describe the file. If it is damaged, the reader of the
-// file reports the error.
+// Stores the start of the unpacked data in `start`, which is used to recognise the file. If the file is
+// damaged, nothing is stored, and the reader of the file reports the error.
 void look_into_gzip(std::ifstream& stream, std::size_t size, FileStart& start, const std::string& name) {
   constexpr std::size_t kPacked = 1 << 16, kUnpacked = 512;
   std::vector<std::byte> packed(std::min(size, kPacked));
@@ -381,7 +385,7 @@ const SplatFormat& detect_splat_format(const fs::path& path) {
   if (const SplatFormat* format = format_of(start)) return *format;
   if (const std::string what = what_other(start); !what.empty())
     fail(ErrorKind::data, "{}: {}", path.string(), what);
-  if (is_ply(start)) return kFormats[0];  // its reader reports what is missing
+  if (is_ply(start)) return kFormats[0];  // the reader of ubs files reports which properties are missing
   if (start.extension == ".ply") fail(ErrorKind::data, "{}: not a PLY file", path.string());
   fail(ErrorKind::data, "{}: not a splat file: expected {}", path.string(), splat_format_titles());
 }
@@ -465,7 +469,7 @@ LoadedModel load_splat_model(const fs::path& given, std::optional<double> time) 
   }
   const ImportedSplats splats = read_as(*loaded.format, path, time);
   loaded.offset = splats.offset;
-  loaded.notes.up = Vec3{0, -1, 0};  // y has the direction of the cameras' axes, which point down
+  loaded.notes.up = Vec3{0, -1, 0};  // as in the axes of cameras, y points down
   loaded.comments = comments_of(loaded.notes);
   if (splats.offset != std::array<double, 3>{}) loaded.comments.push_back(make_offset_comment(splats.offset));
   loaded.model = exact_model(splats);

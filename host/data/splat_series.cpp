@@ -26,8 +26,8 @@ float dot_of(const Quaternion& a, const Quaternion& b) {
   return a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3];
 }
 
-// A rotation that maps the axes onto each other: axis k of the rotated frame is axis source[k] of the old
-// one.
+// AxisTurn is a rotation that maps the coordinate axes onto each other. Axis k of the rotated frame is, apart
+// from its sign, axis source[k] of the old frame.
 struct AxisTurn {
   Quaternion turn;
   std::array<std::size_t, 3> source;
@@ -134,7 +134,7 @@ bool SplatSeries::finish(float least_opacity) {
       seen.clear();
       for (std::size_t m = 0; m < size(); ++m)
         if (visible(m, i)) seen.push_back(m);
-      std::size_t nearest = 0;  // index in seen
+      std::size_t nearest = 0;  // index in `seen` of the time sample that is nearest to m
       for (std::size_t m = 0; m < size(); ++m) {
         while (nearest + 1 < seen.size() && std::max(seen[nearest + 1], m) - std::min(seen[nearest + 1], m) <
                                                 std::max(seen[nearest], m) - std::min(seen[nearest], m))

@@ -27,8 +27,8 @@ void sort_by_name(std::vector<View>& views) {
   });
 }
 
-// Returns the splits train and test. `images` are the views of each image, and `held[i]` says whether image i
-// is a test image.
+// Returns the splits train and test. `images[i]` contains the indices of the views of image i, and `held[i]`
+// says whether image i is a test image.
 std::vector<Split> divided(std::vector<View> views, const std::vector<std::vector<std::uint32_t>>& images,
                            const std::vector<char>& held) {
   Split train{"train", {}}, test{"test", {}};
@@ -40,7 +40,8 @@ std::vector<Split> divided(std::vector<View> views, const std::vector<std::vecto
   return splits;
 }
 
-// The position of a camera in units of the mean distance of the cameras from their centre, and its direction.
+// The position of a camera relative to the centre of all cameras, in units of their mean distance from it,
+// followed by the direction of the camera.
 using PlaceAndDirection = std::array<double, 6>;
 
 std::vector<PlaceAndDirection> places_of(const std::vector<View>& views,
@@ -55,7 +56,7 @@ std::vector<PlaceAndDirection> places_of(const std::vector<View>& views,
     for (std::size_t k = 0; k < 3; ++k) {
       places[i][k] = centre[k];
       mean[k] += centre[k] / count;
-      for (const std::uint32_t v : images[i])  // the directions of the views of a panorama cancel
+      for (const std::uint32_t v : images[i])  // for a panorama, the mean of the directions is 0
         places[i][3 + k] += views[v].camera.rotation[6 + k] / static_cast<double>(images[i].size());
     }
   }
@@ -76,9 +77,9 @@ double squared_distance(const PlaceAndDirection& a, const PlaceAndDirection& b) 
   return sum;
 }
 
-// Returns how much the training images are on one side of an image: the length of the mean of the unit
-// vectors to them, weighted with 1 / squared distance. It is 0 if they surround the image, and 1 if all of
-// them are in the same direction.
+// Returns a measure from 0 to 1 of how much the training images are on one side of an image. It is 0 if they
+// surround the image evenly, and 1 if all of them are in the same direction. It is the length of the weighted
+// mean of the unit vectors from the image to the training images; the weights are 1 / squared distance.
 double one_sided(const std::vector<PlaceAndDirection>& places, const std::vector<char>& held,
                  std::size_t image) {
   PlaceAndDirection sum{};
@@ -94,7 +95,7 @@ double one_sided(const std::vector<PlaceAndDirection>& places, const std::vector
   return weights > 0 ? std::sqrt(squared_distance(sum, {})) / weights : 1;
 }
 
-// Returns the image that is nearest to each image.
+// Returns, for each image, the index of the nearest other image.
 std::vector<std::size_t> nearest_of(const std::vector<PlaceAndDirection>& places) {
   std::vector<std::size_t> nearest(places.size());
   for (std::size_t i = 0; i < places.size(); ++i) {
@@ -106,10 +107,11 @@ std::vector<std::size_t> nearest_of(const std::vector<PlaceAndDirection>& places
   return nearest;
 }
 
-// Chooses `count` test images: of all sets in which no image is the nearest one of another, the set with the
-// least sum of one_sided(). If several sets are equally good, the one that comes first by name is used.
+// Chooses `count` test images. Sets in which one image is the nearest image of another one are not
+// considered. Of all other sets, the one with the smallest sum of one_sided() is chosen. If several sets are
+// equally good, the set that comes first by name is chosen.
 std::vector<char> inner_images(const std::vector<PlaceAndDirection>& places, std::size_t count) {
-  constexpr double kEqual = 1e-9;  // differences by rounding must not decide
+  constexpr double kEqual = 1e-9;  // sums that differ by less are treated as equal, because of rounding
   const std::vector<std::size_t> nearest = nearest_of(places);
   std::vector<char> held(places.size(), 0), best;
   std::fill_n(held.begin(), count, 1);

@@ -12,14 +12,15 @@ namespace ubs {
 // By convention, results on published data are measured on every 8th image.
 inline constexpr int kTestEvery = 8;
 
-// Sorts images by name and splits them: every n-th image is in the split test (method.md 4.5), the others are
-// in the split train. All views of one image (View::part_of) are in the same split. kAutoInt stands for
-// kTestEvery.
+// Sorts images by name and splits them. The first and then every `test_every`-th image is in the split test
+// (method.md 4.5), the others are in the split train. If `test_every` is 0, all images are in the split
+// train. The value kAutoInt means kTestEvery. All views of one image (View::part_of) are in the same split.
 std::vector<Split> split_every(std::vector<View> views, int test_every);
 
-// Does the same, unless `test_every` is kAutoInt and there are fewer than 24 images. Then the test images are
-// as many as with kTestEvery, but they are those that the other images surround best, and a note says so:
-// with every 8th image, the first one would be a test image, which often lies at the end of a walk.
+// Does the same, unless `test_every` is kAutoInt and there are fewer than 24 images. In this case, there are
+// as many test images as with kTestEvery, but they are the images that the other images surround best, and
+// the report gets a note. The usual rule would make the first image a test image, and this image is often at
+// the end of the path of the camera. With fewer than three images, there is no test split.
 std::vector<Split> split_views(std::vector<View> views, int test_every, LoadReport& report);
 
 }  // namespace ubs

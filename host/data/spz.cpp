@@ -1,9 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 // Reads and writes Niantic SPZ; see foreign_formats.hpp. The header is followed by one array per attribute:
-// positions (24-bit fixed point), opacities (8 bit), colours (8 bit), log scales (8 bit), rotations (v2: x y
-// z in 8 bits each; v3, v4: the three smallest components in 10 bits each), harmonics (8 bit, channels
-// innermost). Versions 2 and 3 compress everything with gzip; version 4 has a table of one Zstandard stream
-// per attribute.
+// - positions (24-bit fixed point)
+// - opacities, colours and log scales (8 bits per number)
+// - rotations. Version 2 stores x, y and z with 8 bits each; versions 3 and 4 store the three smallest
+//   components with 10 bits each.
+// - spherical harmonics of degree 1 and higher (8 bits per number; the channel is the fastest index)
+// Versions 2 and 3 compress the whole file with gzip. In version 4, each attribute is a Zstandard stream, and
+// a table contains the sizes of the streams.
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
@@ -23,12 +26,13 @@ using Bytes = std::span<const std::byte>;
 constexpr std::uint32_t kSpzMagic = 0x5053474e;  // "NGSP"
 constexpr std::size_t kHeader = 16;
 constexpr std::uint8_t kAntialiased = 1;
-constexpr double kColourScale = 0.15;  // scale of the coefficient of the constant harmonic
-constexpr int kFractionBits = 12;      // the writer's choice; fewer if the scene is large
-// The largest number of steps that 24 bits hold, minus one.
+constexpr double kColourScale = 0.15;  // scale of the coefficient of degree 0 of the spherical harmonics
+constexpr int kFractionBits = 12;      // fraction bits that the writer uses if the scene is not too large
+// Maximum absolute value of a coordinate in quantisation steps. The largest number with 24 bits is one
+// larger.
 constexpr double kMostSteps = 8388606;
-// Maximum plausible compression ratio. Zstandard can compress constant data so strongly that a small file
-// could claim any number of splats, but splats are not constant.
+// Maximum plausible compression ratio. Zstandard can compress constant data so strongly that a small damaged
+// file could state any number of splats, but the data of real splats are not constant.
 constexpr std::size_t kMaxZstdRatio = 20000;
 
 struct Header {
@@ -49,7 +53,7 @@ Header read_header(ByteReader& in) {
   if (h.version < 2 || h.version > 4)
     fail(ErrorKind::data, "{}: SPZ version {} is not supported, only 2, 3 and 4", in.name(), h.version);
   if (h.degree > 4)
-    fail(ErrorKind::data, "{}: harmonics of degree {} are not supported", in.name(), h.degree);
+    fail(ErrorKind::data, "{}: spherical harmonics of degree {} are not supported", in.name(), h.degree);
   if (h.fraction_bits > 23)
     fail(ErrorKind::data, "{}: {} fraction bits are more than the 24 bits of a coordinate", in.name(),
          h.fraction_bits);
@@ -82,8 +86,9 @@ std::array<float, 4> rotation_v2(Bytes bytes, std::size_t i) {
   return q;
 }
 
-// Decodes a quaternion with the order x y z w: a sign and 9 bits of magnitude for each stored component, the
-// last component in the lowest bits, and the index of the largest component in the highest bits.
+// Decodes a quaternion, whose components have the order x y z w. The two highest bits are the index of the
+// largest component. The other components are stored with a sign and 9 bits of magnitude each, the last one
+// in the lowest bits.
 std::array<float, 4> rotation_v3(Bytes bytes, std::size_t i) {
   std::uint32_t packed;
   std::memcpy(&packed, bytes.data() + 4 * i, sizeof packed);
@@ -125,8 +130,8 @@ ImportedSplats unpack(const Header& h, const std::array<Bytes, 6>& a, const std:
   }
   splats.report.layout = fmt::format("SPZ version {}", h.version);
   splats.report.folder = name;
-  if (h.degree > 3) splats.report.note("harmonics of degree 4 are dropped");
-  if (splats.antialiased) splats.report.note("trained with antialiasing");
+  if (h.degree > 3) splats.report.note("spherical harmonics of degree 4 are dropped");
+  if (splats.antialiased) splats.report.note("the splats were trained with antialiasing");
   if (const int others = h.flags & ~kAntialiased; others != 0)
     splats.report.note(fmt::format("flags {:#x} are ignored, because their meaning is unknown", others));
   clean(splats);
@@ -140,8 +145,9 @@ ImportedSplats parse_v4(Bytes file, const std::string& name) {
   const auto sizes = attribute_sizes(h);
   const std::size_t wanted = h.degree > 0 ? 6 : 5;
   if (h.streams < wanted || table < 32 || table > file.size() || (file.size() - table) / 16 < h.streams)
-    fail(ErrorKind::data, "{}: {} streams at byte {}, but the attributes need {}", name, h.streams, table,
-         wanted);
+    fail(ErrorKind::data,
+         "{}: {} streams with a table at byte {} are not valid: the attributes need {} streams", name,
+         h.streams, table, wanted);
   ByteReader toc(file.subspan(table), name);
   std::size_t at = table + 16 * std::size_t{h.streams};
   std::array<std::vector<std::byte>, 6> plain;
@@ -152,15 +158,16 @@ ImportedSplats parse_v4(Bytes file, const std::string& name) {
       fail(ErrorKind::data, "{}: stream {} has {} bytes, but {} splats need {}", name, s, size, h.count,
            sizes[s] * h.count);
     if (packed > file.size() - at || size / kMaxZstdRatio > packed)
-      fail(ErrorKind::data, "{}: truncated in stream {}", name, s);
+      fail(ErrorKind::data, "{}: the file is truncated in stream {}", name, s);
     plain[s] = inflate_zstd(file.subspan(at, packed), size, name);
     attributes[s] = plain[s];
     at += packed;
   }
-  for (std::size_t s = wanted; s < h.streams; ++s) {  // streams of later versions; only their sizes are known
+  // Later versions of the format may add streams. Only their sizes are known.
+  for (std::size_t s = wanted; s < h.streams; ++s) {
     const auto packed = toc.read<std::uint64_t>();
     toc.skip(sizeof(std::uint64_t));
-    if (packed > file.size() - at) fail(ErrorKind::data, "{}: truncated in stream {}", name, s);
+    if (packed > file.size() - at) fail(ErrorKind::data, "{}: the file is truncated in stream {}", name, s);
     at += packed;
   }
   if (at != file.size()) fail(ErrorKind::data, "{}: {} bytes follow the last stream", name, file.size() - at);
@@ -196,8 +203,8 @@ double largest_coordinate(const ImportedSplats& splats) {
   return largest;
 }
 
-// Returns the number of fraction bits: as many of 23 as the largest coordinate allows, or 0 if it does not
-// fit at all.
+// Returns the number of fraction bits: kFractionBits, or the largest smaller number with which the largest
+// coordinate can be stored. Returns 0 if it cannot be stored at all.
 int fraction_bits_for(double largest) {
   int bits = kFractionBits;
   while (bits > 0 && std::ldexp(largest, bits) > kMostSteps) --bits;
@@ -220,10 +227,10 @@ ImportedSplats parse_spz(Bytes payload, const std::string& name) {
 ImportedSplats read_spz(const std::filesystem::path& path) {
   const std::string name = path.string();
   const std::vector<std::byte> bytes = read_file(path);
-  if (bytes.size() < 18) fail(ErrorKind::data, "{}: too short for an SPZ file", name);
+  if (bytes.size() < 18) fail(ErrorKind::data, "{}: the file is too short for an SPZ file", name);
   std::uint32_t magic;
   std::memcpy(&magic, bytes.data(), sizeof magic);
-  // Not compressed with gzip: version 4, or an older version that was unpacked.
+  // The file is not compressed with gzip. It has version 4, or has an older version and was unpacked.
   if (magic == kSpzMagic) {
     ByteReader plain(bytes, name);
     return read_header(plain).version == 4 ? parse_v4(bytes, name) : parse_spz(bytes, name);
@@ -240,7 +247,7 @@ void write_spz(const std::filesystem::path& path, const ImportedSplats& splats) 
   const double largest = largest_coordinate(splats);
   const int bits = fraction_bits_for(largest), degree = std::min(splats.sh_degree, 3);
   if (std::ldexp(largest, bits) > kMostSteps)
-    fail(ErrorKind::data, "{}: coordinate {} does not fit the 24 bits of SPZ", path.string(), largest);
+    fail(ErrorKind::data, "{}: coordinate {} is too large for the 24 bits of SPZ", path.string(), largest);
   const std::size_t n = splats.count(), coefficients = splats.coefficients();
   const std::size_t higher = static_cast<std::size_t>((degree + 1) * (degree + 1)) - 1;
   if (n > 0xffffffffu) fail(ErrorKind::data, "{}: too many splats for SPZ", path.string());
@@ -270,9 +277,9 @@ std::vector<std::string> spz_remarks(const ImportedSplats& splats) {
   std::vector<std::string> remarks;
   if (const int bits = fraction_bits_for(largest_coordinate(splats)); bits < kFractionBits)
     remarks.push_back(
-        fmt::format("positions are rounded to steps of {}: SPZ has 24 bits for the farthest splat",
+        fmt::format("positions are rounded to steps of {}, because SPZ has only 24 bits per coordinate",
                     std::ldexp(1.0, -bits)));
-  // The limits of 8 bits, plus half a step.
+  // A value is outside if it exceeds the range of 8 bits by more than half a quantisation step.
   const auto outside = [&](std::size_t i) {
     const std::size_t n = 3 * splats.coefficients();
     const auto over = [](float v, double low, double high) { return !(v >= low && v <= high); };
@@ -287,8 +294,8 @@ std::vector<std::string> spz_remarks(const ImportedSplats& splats) {
   std::size_t clipped = 0;
   for (std::size_t i = 0; i < splats.count(); ++i) clipped += outside(i);
   if (clipped > 0)
-    remarks.push_back(
-        fmt::format("{} splats with scales, colours or harmonics beyond the range of SPZ: clipped", clipped));
+    remarks.push_back(fmt::format(
+        "{} splats have scales, colours or spherical harmonics beyond the range of SPZ: clipped", clipped));
   return remarks;
 }
 

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Reads streamed SOG; see foreign_formats.hpp. lod-meta.json holds the names of SOG files (`filenames`) and a
-// spatial tree (`tree`). A node of the tree has `children` or `lods`. `lods` states, for each level of
-// detail, the file and the range of splats that the node shows. Level 0 is the finest. `environment` names a
-// SOG file that is always shown.
+// Reads streamed SOG; see foreign_formats.hpp. lod-meta.json contains the names of SOG files (`filenames`)
+// and a spatial tree (`tree`). A node of the tree has `children` or `lods`. `lods` states, for each level of
+// detail, the file and the range of splats that the node shows. Level 0 is the finest. `environment` is the
+// name of a SOG file that is always shown.
 #include <algorithm>
 #include <charconv>
 #include <compare>
@@ -21,7 +21,7 @@ struct LodRange {
   std::size_t file = 0, offset = 0, count = 0;
   auto operator<=>(const LodRange&) const = default;
 };
-using LodRanges = std::map<std::size_t, std::vector<LodRange>>;  // by level of detail
+using LodRanges = std::map<std::size_t, std::vector<LodRange>>;  // the key is the level of detail
 
 void collect_ranges(const Json& node, LodRanges& ranges, const std::string& name) {
   if (node.contains("children"))
@@ -47,7 +47,8 @@ void append_ranges(std::optional<ImportedSplats>& splats, const ImportedSplats& 
            range.offset, range.offset + range.count, file.report.folder, file.count());
     end = range.offset + range.count;
   }
-  // The ranges of the nodes usually cover the whole file, so join adjacent ones.
+  // Join adjacent ranges, so that fewer parts are appended. The ranges of the nodes usually cover the whole
+  // file.
   std::vector<LodRange> joined;
   for (const LodRange& range : ranges)
     if (!joined.empty() && joined.back().offset + joined.back().count == range.offset)

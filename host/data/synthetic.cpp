@@ -32,16 +32,16 @@ std::array<SplitPlan, 3> plan(const SyntheticOptions& o) {
   return {{{"train", o.train_views, 0}, {"test", o.test_views, 1}, {"val", o.val_views, 2}}};
 }
 
-// Camera-to-world pose with OpenGL axes.
+// Pose is a camera-to-world pose with OpenGL axes.
 struct Pose {
   Vec3 right, up, back, centre;
   double time = 0;
 };
 
 // Returns camera i of a split. The views are spread evenly over the upper hemisphere by the two-dimensional
-// golden-ratio sequence (Roberts 2018: powers of 1/1.3247..., the root of x^3 = x + 1), with a random shift
-// per split. Any prefix of the sequence is spread evenly too, so that time and position are not correlated in
-// a dynamic scene.
+// golden-ratio sequence, with a random shift per split. The steps of this sequence are the first two powers
+// of 1 / 1.3247..., where 1.3247... is the root of x^3 = x + 1 (Roberts 2018). The first views of the
+// sequence are spread evenly too, so that time and position are not correlated in a dynamic scene.
 Pose place_camera(const SplitPlan& split, int i, std::uint64_t seed, const Scene& scene) {
   const CounterRandom random(seed, split.stream);
   const auto sequence = [&](std::uint32_t lane, double step) {
@@ -57,7 +57,7 @@ Pose place_camera(const SplitPlan& split, int i, std::uint64_t seed, const Scene
   pose.up = pose.back.cross(pose.right);
   pose.centre = pose.back * kSyntheticDistance + Vec3(0, 0, scene.focus_height());
   if (!scene.dynamic()) return pose;
-  const bool training = split.stream == 0;  // times of the other splits lie between the training times
+  const bool training = split.stream == 0;  // the times of the other splits are between the training times
   pose.time = training ? static_cast<double>(i) / std::max(1, split.views - 1) : (i + 0.5) / split.views;
   return pose;
 }
@@ -122,7 +122,7 @@ std::unique_ptr<Scene> make_scene(const SyntheticOptions& o) {
 void check_options(const SyntheticOptions& o) {
   const auto check = [](const char* name, int value, int low, int high) {
     if (value < low || value > high)
-      fail(ErrorKind::usage, "synthetic scene: {} = {} must lie between {} and {}", name, value, low, high);
+      fail(ErrorKind::usage, "synthetic scene: {} = {} must be from {} to {}", name, value, low, high);
   };
   check("width", o.width, 1, 8192);
   check("height", o.height, 1, 8192);

@@ -21,24 +21,26 @@ constexpr std::size_t kNeighbours = 6;  // number of images that each image is m
 constexpr double kBand = 2;
 constexpr double kMinAngle = 0.01;  // minimum angle between two rays [rad]
 constexpr double kAgreement = 0.8;  // minimum correlation of the patches around two matched corners
-// Search range around the intersection of the rays, as a share of 1/depth
+// The depth is searched around the intersection of the rays. 1/depth may differ by this fraction.
 constexpr double kRefined = 0.05;
 constexpr int kRefinedDepths = 11;  // number of depths tried in this range
 
 // Constants for the pixels between corners.
-constexpr std::size_t kAround = 8;        // number of nearest corners whose depths bound that of a pixel
-constexpr double kBeyond = 0.1;           // extension of these bounds, as a share of 1/depth
-constexpr int kDepths = 16;               // number of depths tried
-constexpr std::size_t kComparedWith = 4;  // number of matched images used, those with the nearest cameras
-constexpr double kPlacedAgreement = 0.85;
-constexpr std::size_t kTries = 4;  // maximum number of pixels tried per point to place
+constexpr std::size_t kAround = 8;  // number of nearest corners whose depths limit the depth of a pixel
+constexpr double kBeyond = 0.1;     // fraction of 1/depth by which these limits are extended
+constexpr int kDepths = 16;         // number of depths that are tried
+// A pixel is compared with this number of other images. They are those with the nearest cameras.
+constexpr std::size_t kComparedWith = 4;
+constexpr double kPlacedAgreement = 0.85;  // minimum correlation of the patches in these images
+constexpr std::size_t kTries = 4;          // maximum number of random pixels that are tried per point
 constexpr std::uint32_t kStream = 0x706c6163;
 
 // Constants for the comparison of brightness.
 constexpr std::size_t kMinCompared = 50;  // minimum number of corners that two images have in common
-constexpr std::size_t kMinPairs = 3;
-constexpr double kExceeded = 0.9;              // share of the pairs with a smaller ratio
-constexpr double kDarkest = 16, kWhite = 240;  // noise and clipping change the ratio of other values
+constexpr std::size_t kMinPairs = 3;      // minimum number of pairs of images that are compared
+constexpr double kExceeded = 0.9;         // fraction of the pairs whose ratio is smaller than the result
+// Brightness values outside of this range are not compared, because noise or clipping changes their ratio.
+constexpr double kDarkest = 16, kWhite = 240;
 
 void add(PointCloud& cloud, const Vec3& p, const std::uint8_t* colour) {
   cloud.positions.push_back({static_cast<float>(p[0]), static_cast<float>(p[1]), static_cast<float>(p[2])});
@@ -52,7 +54,8 @@ struct Match {
   double angle;
 };
 
-// Returns the point midway between two rays where they are closest, if it is in front of both cameras.
+// Returns the midpoint of the shortest line between two rays, or nullopt if it is not in front of both
+// cameras. The rays start at p and q and have the directions d and e.
 std::optional<Vec3> meet(const Vec3& p, const Vec3& d, const Vec3& q, const Vec3& e) {
   const Vec3 w = p - q;
   const double dd = dot(d, d), de = dot(d, e), ee = dot(e, e), dw = dot(d, w), ew = dot(e, w);
@@ -79,7 +82,8 @@ std::vector<Match> match(const Corners& a, const Corners& b) {
       return !at || std::hypot((*at)[0] - in.at[k][0], (*at)[1] - in.at[k][1]) > kBand * in.pixel();
     };
     if (off(a, i) || off(b, j)) continue;
-    // Corners are at whole pixels, so comparing the patches around them gives a more accurate depth.
+    // Corners are at whole pixels, so their rays are not accurate. The comparison of the patches around the
+    // corners gives a more accurate depth.
     const double depth = in_camera(a.camera(), *point)[2];
     const GreyPicture* const other = &b.picture;
     const auto better = Patch(a.picture, a.at[i])
@@ -95,8 +99,9 @@ struct SeenPoint {
   double depth;
 };
 
-// Adds points at random pixels of an image. The depth of a pixel is searched in the range of the depths of
-// the nearest corners; a point is added if images of `others` agree at some depth.
+// Adds at most `count` points at random pixels of an image. The depth of a pixel is searched in the range of
+// the depths of the nearest corners. A point is added if the images of `others` agree well enough at one of
+// the depths.
 void place_between(const View& view, const GreyPicture& picture, std::span<const GreyPicture* const> others,
                    std::span<const SeenPoint> seen, std::size_t count, const CounterRandom& random,
                    std::uint64_t first_draw, PointCloud& out) {
@@ -124,7 +129,7 @@ void place_between(const View& view, const GreyPicture& picture, std::span<const
   }
 }
 
-// Returns the mean of the pixels around a corner.
+// Returns the mean of the pixels around a corner, or -1 if some of them are outside of the image.
 double brightness_at(const GreyPicture& picture, const Pixel& at) {
   constexpr int kReach = 2;
   double sum = 0;
@@ -137,9 +142,10 @@ double brightness_at(const GreyPicture& picture, const Pixel& at) {
   return sum / ((2 * kReach + 1) * (2 * kReach + 1));
 }
 
-// Returns the log of the ratio by which b is brighter than a, or a than b, in at least three quarters of the
-// matched corners. Different exposures change all corners alike. Reflections change some corners more than
-// others, and some not at all, so that this ratio remains near 1.
+// Compares the brightness of two images at their matched corners. The ratio is how many times as bright the
+// brighter image is in at least three quarters of the corners; the function returns its logarithm. Different
+// exposures change the brightness of all corners by the same factor. Reflections change only some corners, so
+// the ratio remains near 1. Returns nullopt if too few corners can be compared.
 std::optional<double> log_brightness_ratio(const Corners& a, const Corners& b,
                                            const std::vector<Match>& matches) {
   std::vector<double> logs;
@@ -180,7 +186,7 @@ Triangulation triangulate(std::span<const View> all, std::size_t images, std::si
   Tracks tracks(first.back());
   for (std::size_t p = 0; p < pairs.size(); ++p)
     for (const Match& m : matches[p]) tracks.join(first[pairs[p].first] + m.a, first[pairs[p].second] + m.b);
-  std::map<std::size_t, const Match*> points;  // by track
+  std::map<std::size_t, const Match*> points;  // the key is the track
   for (std::size_t p = 0; p < pairs.size(); ++p)
     for (const Match& m : matches[p]) {
       const auto [at, fresh] = points.try_emplace(tracks.of(first[pairs[p].first] + m.a), &m);

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// See ubsz.hpp. A value is centre + (step 2^k) code, computed in double precision in this order, then rounded
-// to float32. So readers in other languages get bit-identical values.
+// See ubsz.hpp. A value is centre + (step 2^k) code, where k is the class of the splat. It is computed in
+// double precision in this order and then rounded to float32, so that readers in other languages get
+// bit-identical values.
 #include "host/data/ubsz.hpp"
 
 #include <zlib.h>
@@ -23,21 +24,21 @@ namespace ubs {
 namespace {
 
 constexpr std::uint32_t kOneLevelVersion = 1, kLevelsVersion = 2;
-// Bits of a position per axis. Three axes fit into a number that a double holds exactly. Half of the codes
-// are on either side of the centre.
+// Bits of a position per axis. The code of all three axes together is a number that a double can represent
+// exactly. Half of the codes are on either side of the centre.
 constexpr int kPlaceBits = 17;
-// Up to this many steps from the centre, positions are stored in whole steps. Beyond it, each doubling of the
-// distance doubles the step, because every trained model has stray splats and surroundings a hundred times as
-// far away as the rest.
+// Up to this number of steps from the centre, positions are stored in whole steps. Beyond it, each doubling
+// of the distance doubles the step. Such distances occur because every trained model has stray splats, and
+// surroundings that are a hundred times as far away as the rest.
 constexpr std::int64_t kNearSteps = 8192;
 constexpr double kFarSteps = 1 << 27;  // maximum distance [steps] that can be encoded
 constexpr std::size_t kClasses = kMaxStepClass + 1;
-// A plane shorter than this shares its Huffman code with its neighbours, because the 60 bytes of a separate
-// code would cost more than they save.
+// A plane with fewer bytes than this shares its Huffman code with neighbouring planes, because a separate
+// code takes about 60 bytes, which is more than it would save.
 constexpr std::size_t kOwnCode = 1500;
 
-// Encoding of a row of parameters: `bytes` planes of codes around `centre`, or float32 values if `bytes` is
-// 4.
+// RowCode describes the encoding of a row of parameters. If `bytes` is 4, the row is stored as float32
+// values. Otherwise it is stored as codes relative to `centre` in units of `step`, with `bytes` bytes each.
 struct RowCode {
   int bytes = 4;
   double centre = 0, step = 0;
@@ -48,9 +49,9 @@ struct GroupCode {
   std::size_t count = 0;
   bool exact = true;
   std::array<std::size_t, kClasses> classes{};  // number of splats of each class, in file order
-  double centre[3] = {}, place_step = 0;        // of the positions
-  int place_bytes = 0;                          // bytes of an interleaved position
-  std::vector<RowCode> rows;                    // the rows after the positions
+  double centre[3] = {}, place_step = 0;        // centre and quantisation step of the positions
+  int place_bytes = 0;                          // bytes of the code of a position (all three axes)
+  std::vector<RowCode> rows;                    // encodings of the rows after the positions
 };
 
 std::uint64_t gather_bits(std::uint64_t v) {
@@ -59,8 +60,8 @@ std::uint64_t gather_bits(std::uint64_t v) {
   return out;
 }
 
-// Encodes a coordinate, given in steps from the centre. far_steps() decodes it to the middle of the interval
-// that the code stands for.
+// Encodes a coordinate, which is in steps from the centre. far_steps() decodes it: it returns the middle of
+// the interval that the code represents.
 std::int64_t far_code(std::int64_t steps) {
   const std::int64_t size = std::abs(steps);
   if (size < kNearSteps) return steps;
@@ -83,8 +84,8 @@ std::int64_t unzigzag(std::uint32_t v) {
 
 double code_value(double centre, double step, double code) { return centre + step * code; }
 
-// Compresses planes with gzip. The data are mostly noise without repeated strings, so only run lengths and
-// Huffman codes help. Long planes get Huffman codes of their own.
+// PlaneWriter compresses planes with gzip. The data are mostly noise without repeated strings, so a strategy
+// is used that relies on Huffman codes. Long planes get separate Huffman codes.
 class PlaneWriter {
  public:
   PlaneWriter() {
@@ -169,8 +170,8 @@ RowCode row_code(std::span<const float> row, double step, std::span<const std::u
   return code;
 }
 
-// Determines how a group is encoded, and the order of its splats: by class, and within a class along a
-// space-filling curve.
+// Determines how a group is encoded, and the order of its splats. They are sorted by class, and within a
+// class along a space-filling curve.
 GroupCode plan_group(const SplatModel& model, const UbszSteps& steps, std::vector<std::size_t>& order) {
   GroupCode group{.dim = model.dim, .count = model.count, .exact = false};
   const ParameterLayout layout = model.layout();
@@ -213,8 +214,8 @@ Json group_json(const GroupCode& group) {
   return json;
 }
 
-// Writes the classes one after the other: first differences of positions, then the other parameters row by
-// row.
+// Writes the classes one after the other. For each class, writes the differences between successive
+// positions, and then the other parameters row by row.
 void put_group(PlaneWriter& out, const SplatModel& model, const GroupCode& group,
                const std::vector<std::size_t>& order) {
   const ParameterLayout layout = model.layout();
@@ -291,9 +292,10 @@ void check_ubsz_finite(const MixedModel& model, ErrorKind kind, const std::strin
       fail(kind, "{}: a value of a splat with N = {} is not finite", name, group.dim);
 }
 
-// ---- The header of a file that is read; anything unexpected counts as damage ----
+// ---- Reading the header of a file; unexpected contents are reported as damage ----
 
-// Fractions and negative numbers would otherwise be converted without an error.
+// Returns a count. Throws for fractions and negative numbers, because the JSON library would convert them
+// without an error.
 std::size_t count_of(const Json& value) {
   if (!value.is_number_unsigned())
     fail(ErrorKind::data, "the header has the value {} where a count is expected",
@@ -301,8 +303,8 @@ std::size_t count_of(const Json& value) {
   return value.get<std::size_t>();
 }
 
-// Returns a count that is valid only if it is small. Larger ones become 1000 instead of wrapping to a small
-// one.
+// Returns a count that is valid only if it is small. Counts above 1000 become 1000, so that the conversion to
+// int cannot turn an invalid count into a valid one.
 int small_count_of(const Json& value) {
   return static_cast<int>(std::min<std::size_t>(count_of(value), 1000));
 }
@@ -316,7 +318,8 @@ GroupCode group_of(const Json& json, const ModelVariant& variant, std::size_t ro
   std::size_t bytes = 4 * static_cast<std::size_t>(layout.count);
   if (!group.exact) {
     const Json& classes = json.at("classes");
-    if (classes.size() != kClasses) fail(ErrorKind::data, "the header has {} classes", classes.size());
+    if (classes.size() != kClasses)
+      fail(ErrorKind::data, "the header has an unexpected number of classes: {}", classes.size());
     for (std::size_t k = 0; k < kClasses; ++k) group.classes[k] = count_of(classes[k]);
     const Json& places = json.at("places");
     const auto centre = places.at("centre").get<std::array<double, 3>>();
@@ -328,7 +331,8 @@ GroupCode group_of(const Json& json, const ModelVariant& variant, std::size_t ro
           {small_count_of(row.at("bytes")), row.at("centre").get<double>(), row.at("step").get<double>()});
     bytes = static_cast<std::size_t>(group.place_bytes);
     for (const RowCode& row : group.rows) bytes += static_cast<std::size_t>(row.bytes);
-    std::size_t rest = group.count;  // subtracts, because a sum could overflow
+    // Subtract the classes from the number of splats, because their sum could overflow.
+    std::size_t rest = group.count;
     for (const std::size_t n : group.classes) {
       if (n > rest) fail(ErrorKind::data, "the classes contain more splats than the group");
       rest -= n;
@@ -355,7 +359,7 @@ namespace {
 // Returns the header entries of the groups of a model, and appends their planes to `packed`.
 Json pack_groups(const MixedModel& model, std::span<const UbszSteps> steps, std::vector<std::byte>& packed) {
   check_groups(model);
-  check_ubsz_finite(model, ErrorKind::numerical, "not written");
+  check_ubsz_finite(model, ErrorKind::numerical, "the model is not written");
   Json groups = Json::array();
   PlaneWriter planes;
   for (std::size_t g = 0; g < model.groups.size(); ++g) {
@@ -396,8 +400,9 @@ SplatModel joined(const SplatModel& a, const SplatModel& b) {
   return out;
 }
 
-// Joins groups of the same dimension, in the order in which the dimensions first appear. Joins neighbours
-// pairwise, because joining one after the other would copy the first levels again for each further one.
+// Joins groups of the same dimension, in the order in which the dimensions first appear. Neighbouring groups
+// are joined in pairs until one group is left. If the levels were joined one after the other instead, the
+// splats of the first levels would be copied again for each further level.
 void join_groups(std::vector<SplatModel>& groups) {
   std::vector<std::vector<SplatModel>> parts;
   for (SplatModel& group : groups) {

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// A .ubsz file holds a model in compact form, which browsers can read too (host/look/web). The parameters are
-// stored exactly, or rounded to multiples of quantisation steps, in an order that compresses well.
-// docs/web.md describes the layout.
+// These functions read and write .ubsz files. Such a file contains a model in a compact format, which is also
+// read by web pages (host/look/web). The parameters are stored exactly, or rounded to multiples of
+// quantisation steps, in an order that compresses well. docs/web.md describes the layout.
 #pragma once
 
 #include <cstddef>
@@ -16,39 +16,42 @@
 namespace ubs {
 
 inline constexpr char kUbszMagic[] = {'U', 'B', 'S', 'Z'};
-inline constexpr int kMaxStepClass = 5;  // maximum class: splats of class k have steps 2^k times as large
+// Maximum class of a splat. The quantisation steps of splats of class k are 2^k times as large as those of
+// class 0.
+inline constexpr int kMaxStepClass = 5;
 
-// Quantisation of one group. The three rows of the position must have the same step.
+// UbszSteps describes the quantisation of one group. The three rows of the position must have the same step.
 struct UbszSteps {
-  std::vector<double> steps;          // one per row of parameters, > 0
-  std::vector<std::uint8_t> classes;  // one per splat
+  std::vector<double> steps;          // quantisation step of each row of parameters, positive
+  std::vector<std::uint8_t> classes;  // class of each splat, from 0 to kMaxStepClass
 };
 
-// Returns the model that a reader gets: rounded values, with the splats in file order.
+// Returns the model that a reader of the file gets. Its values are rounded, and its splats are in file order.
 SplatModel rounded(const SplatModel& model, const UbszSteps& steps);
 
-// One level of detail: a part of the splats of each group. Together with the levels before it, it
-// approximates the whole model.
+// UbszLevel is one level of detail. It contains a part of the splats of each group. The model is approximated
+// by all levels up to and including this one.
 struct UbszLevel {
   MixedModel model;
-  std::vector<UbszSteps> steps;  // as for pack_ubsz
-  double psnr = 0;               // quality of the levels so far, stored in the header [dB]
+  std::vector<UbszSteps> steps;  // one entry per group, or empty, as for pack_ubsz()
+  double psnr = 0;               // [dB] quality of the levels up to this one; it is stored in the header
 };
-// A file in parts: header and first level, then each further level. `sizes` are the bytes of each part. A
-// reader that has the first parts can show them.
+// UbszParts is a file that can be loaded in parts. The first part consists of the header and the first level,
+// and each further part is a level. A reader that has received the first parts can already show them.
 struct UbszParts {
-  std::vector<std::byte> bytes;
-  std::vector<std::size_t> sizes;
+  std::vector<std::byte> bytes;    // the whole file
+  std::vector<std::size_t> sizes;  // number of bytes of each part
 };
+// Returns the contents of a file with the given levels.
 UbszParts pack_ubsz_levels(std::span<const UbszLevel> levels, std::span<const std::string> comments);
 
-// `steps` has one entry per group; if it is empty, the model is stored exactly. Throws Error(numerical) for
-// values that are not finite.
+// Returns the contents of a file with the model. `steps` has one entry per group; if it is empty, the model
+// is stored exactly. Throws Error(numerical) if a value is not finite.
 std::vector<std::byte> pack_ubsz(const MixedModel& model, std::span<const std::string> comments,
                                  std::span<const UbszSteps> steps = {});
 
-// If the data are damaged in any way, these two functions throw an Error(data) whose message starts with
-// `name` or with the name of the file.
+// These two functions read a model. If the data are damaged in any way, they throw Error(data) with a message
+// that starts with `name` or with the name of the file.
 MixedModel unpack_ubsz(std::span<const std::byte> bytes, const std::string& name,
                        std::vector<std::string>* comments = nullptr);
 MixedModel read_ubsz(const std::filesystem::path& path, std::vector<std::string>* comments = nullptr);

@@ -14,7 +14,8 @@ Image8 undistort(const Image8& image, const Undistortion& plan) {
   if (image.width != lens.width || image.height != lens.height)
     fail(ErrorKind::internal, "the image has {}x{} pixels, but its lens is for {}x{}", image.width,
          image.height, lens.width, lens.height);
-  // If the left and right borders of the image meet, the pixels next to one border continue at the other.
+  // If the image shows all directions, its left and right borders meet. So columns from the other border are
+  // added on either side, and interpolation continues across the border.
   const int wrapped = lens.formula && lens.formula->all_directions ? std::min(4, image.width) : 0;
   cv::Mat map_x(plan.height, plan.width, CV_32F), map_y(plan.height, plan.width, CV_32F);
   const auto& m = plan.rotation;

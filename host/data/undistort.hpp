@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// undistort() resamples images to pinhole cameras, the only cameras that the rasteriser supports. An image of
-// a lens with distortion becomes one pinhole view of the same focal length. For a wide image, of more than
-// 110 degrees, one view would need many pixels for little detail at its border, and beyond 180 degrees one
-// view is impossible. So a wide image becomes several views of 90 degrees from the same position: the faces
-// of a cube around the camera.
+// undistort() resamples images to pinhole cameras, which are the only cameras that the rasteriser supports.
+// An image of a lens with distortion becomes one pinhole view with the same focal length. A wide image is an
+// image of more than 110 degrees. A single view of such an image would have many pixels with little detail at
+// its border, and beyond 180 degrees a single view is impossible. So a wide image becomes several views of 90
+// degrees from the same position, which are the faces of a cube around the camera.
 #pragma once
 
 #include <array>
@@ -17,38 +17,44 @@ namespace ubs {
 
 // Undistortion describes one pinhole view that is resampled from an image.
 struct Undistortion {
-  Lens lens;                                                  // of the image
-  int width = 0, height = 0;                                  // of the view
-  double fx = 1, fy = 1;                                      // of the view [px]
-  double cx = 0, cy = 0;                                      // of the view [px]
-  std::array<double, 9> rotation{1, 0, 0, 0, 1, 0, 0, 0, 1};  // camera of the image -> camera of the view
-  std::string face;      // front, right, back, left, up or down; empty: the only view of the image
-  double max_angle = 4;  // rays farther from the optical axis [rad] are not in the image
-  bool whole = true;     // false: some pixels of the view may have no pixel of the image
+  Lens lens;                  // lens of the image
+  int width = 0, height = 0;  // size of the view
+  double fx = 1, fy = 1;      // focal lengths of the view [px]
+  double cx = 0, cy = 0;      // principal point of the view [px]
+  // Rotation from the axes of the image's camera to those of the view's camera, row by row.
+  std::array<double, 9> rotation{1, 0, 0, 0, 1, 0, 0, 0, 1};
+  // Face of the cube: front, right, back, left, up or down. Empty if this is the only view of the image.
+  std::string face;
+  double max_angle = 4;  // [rad] rays with a larger angle to the optical axis are not in the image
+  bool whole = true;     // whether the image covers all pixels of the view
 };
 
-// Returns the angle [degrees] that the image covers, across or down, whichever is larger.
+// Returns the larger of the horizontal and the vertical angle of view of the image [degrees].
 double degrees_covered(const Lens& lens);
 
-// Returns the largest upright rectangle of the ideal image in which the lens saw every pixel. If the
-// parameters leave no usable rectangle, throws an error whose message starts with `where`.
+// Returns a single view of the image, which is the largest rectangle of the ideal image that the distorted
+// image covers completely. If the parameters of the lens leave no usable rectangle, throws an error whose
+// message starts with `where`.
 Undistortion plan_undistortion(const Lens& lens, const std::string& where);
 
-// Returns the faces of the cube that show a part of the image, each cropped to that part. The focal length of
-// a face is the resolution of the image at the centre of the face; if that differs between directions, the
-// lower one. Faces with less than 16 pixels in a direction are skipped, so the result may be empty.
+// Returns the faces of the cube that show a part of the image, each cropped to this part. The focal length of
+// a face is the resolution of the image, in pixels per radian, at the centre of the face. If the resolution
+// differs between directions, the lowest one is used. Faces with fewer than 16 pixels in a direction are
+// skipped, so the result may be empty.
 std::vector<Undistortion> plan_faces(const Lens& lens, const std::string& where);
 
-// Returns plan_faces() for a wide image unless it is too small for faces, otherwise plan_undistortion().
+// Returns the views of an image. For a wide image, these are the faces of plan_faces(), if there are any.
+// Otherwise the result is the single view of plan_undistortion().
 std::vector<Undistortion> plan_views(const Lens& lens, const std::string& where);
 
-// Returns the camera of a view, given the pose of the image's camera. Its size is that of the plan.
+// Returns the camera of a view. `pose` is the camera of the image, of which only the pose and the query
+// values are used.
 Camera camera_of(const Undistortion& plan, Camera pose);
 
-// Returns the part of the image, in percent, that no view shows. Estimated on a grid of pixels.
+// Returns the part of the image, in percent, that no view shows. It is estimated on a grid of pixels.
 double percent_left_out(const std::vector<Undistortion>& plans);
 
-// Returns whether the image covers a position of the view.
+// Returns whether the image covers a position [px] of the view.
 bool covers(const Undistortion& plan, double column, double row);
 
 // Resamples an image to a view with bicubic interpolation (OpenCV remap). `image` must have the size of the

@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 // Writes OpenUSD files with the schema UsdVol ParticleField3DGaussianSplat of OpenUSD 26.03; see
-// foreign_formats.hpp. The text form needs no library. OpenUSD's own programs make the binary form from the
-// text (usdc.cpp).
-// One prim holds all splats. Scales and opacities are stored linearly, not as logarithms and logits;
-// quaternions as (w, x, y, z); harmonics splat after splat, with three channels for each coefficient. The
-// splats are rotated by half a revolution about x, as in glTF, because y points up on the stage.
+// foreign_formats.hpp. This file writes text files, which needs no library of OpenUSD. usdc.cpp converts text
+// files to binary files with programs of OpenUSD. One prim contains all splats. Scales and opacities are
+// stored themselves, and not as logarithms and logits. The order of quaternions is (w, x, y, z). Spherical
+// harmonics are stored splat after splat, with three channels for each coefficient. The splats are rotated by
+// 180 degrees about x, because y points up on a stage of USD.
 #include <algorithm>
 #include <array>
 #include <charconv>
@@ -22,12 +22,12 @@ namespace {
 // The extent covers every position at which a splat has an opacity of more than 1/255, the threshold of 3DGS.
 // This is sqrt(2 ln 255) standard deviations.
 constexpr double kExtentSigmas = 3.3290;
-constexpr int kTimeCodesPerSecond = 24;  // USD's own default
+constexpr int kTimeCodesPerSecond = 24;  // the default of USD
 
 constexpr std::size_t kFlushBytes = std::size_t{1} << 20;
 
-// Text that is written to a file in blocks. Numbers have enough digits to read back the same float32 or
-// float64.
+// UsdaText is text that is written to a file in blocks. Numbers are written with so many digits that a reader
+// gets the same float32 or float64.
 class UsdaText {
  public:
   explicit UsdaText(AtomicFile& file) : file_(file) {}
@@ -76,8 +76,8 @@ void print_usd_array(UsdaText& out, std::size_t count, const At& at) {
   out.put("]");
 }
 
-// Writes an attribute once if it is the same at all time samples, otherwise once for each time sample. The
-// first argument of `count` and `at` is the index of the time sample.
+// Writes an attribute once if it is the same at all time samples (`constant`), and otherwise once for each
+// time sample. The first argument of `count` and `at` is the index of the time sample.
 template <std::size_t N, typename Count, typename At>
 void print_usd_attribute(UsdaText& out, const char* declaration, std::size_t moments, bool constant,
                          const Count& count, const At& at) {
@@ -236,7 +236,7 @@ void write_usda_series(const std::filesystem::path& path, const SplatSeries& ser
 
 std::vector<std::string> usd_remarks(const ImportedSplats& splats) {
   if (splats.sh_degree <= 3) return {};
-  return {fmt::format("harmonics of degree 4 to {} are lost: 3 is the highest degree that is written",
+  return {fmt::format("spherical harmonics of degree 4 to {} are lost: USD files have at most degree 3",
                       splats.sh_degree)};
 }
 

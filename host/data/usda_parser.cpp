@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
+// See usda_parser.hpp.
 #include "host/data/usda_parser.hpp"
 
 #include <algorithm>
@@ -215,8 +216,8 @@ void UsdaParser::skip_value() {
   while (depth > 0);
   if (depth < 0) error("a closing bracket has no opening bracket");
   if (!reference) return;
-  if (peek() == '<') skip_to(">", "a path");  // a prim in the referenced file
-  if (peek() == '(') skip_value();            // a time offset of the reference
+  if (peek() == '<') skip_to(">", "a path");  // the path of a prim in the referenced file
+  if (peek() == '(') skip_value();            // the time offset of the reference
 }
 
 template <typename Found>
@@ -229,7 +230,7 @@ void UsdaParser::metadata(const Found& found) {
     }
     std::string key(word());
     while (peek() != '=' && peek() != ')' && peek() != '\0') key = word();  // skips words such as "prepend"
-    if (peek() != '=') error("metadata have no value");
+    if (peek() != '=') error("an entry of the metadata has no value");
     ++at_;
     peek();
     const std::size_t value = at_;

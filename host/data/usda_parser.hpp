@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// UsdaParser reads the text form of OpenUSD. It visits prims and their properties, and stores the position of
-// each property's value in the text; only the values that are needed are converted to numbers. It does not
-// follow references, payloads, sublayers or variants. All errors are Error(data) with the name of the file
-// and the line.
+// UsdaParser reads OpenUSD text files. It visits prims and their properties, and stores the position of each
+// property's value in the text; only the values that are needed are converted to numbers. It does not follow
+// references, payloads, sublayers or variants. All errors are Error(data), and their messages contain the
+// name of the file and the line.
 #pragma once
 
 #include <cstddef>
@@ -18,21 +18,21 @@ namespace ubs {
 
 inline constexpr std::size_t kUsdNone = std::numeric_limits<std::size_t>::max();
 
-// Positions of a property's values in the text; kUsdNone if it has no value.
+// UsdProperty contains the positions of a property's values in the text.
 struct UsdProperty {
-  std::size_t value = kUsdNone;
-  std::vector<std::pair<double, std::size_t>> samples;  // time code, value
+  std::size_t value = kUsdNone;  // kUsdNone if the property has no value, or only time samples
+  std::vector<std::pair<double, std::size_t>> samples;  // time code, and position of the value
 };
 
 struct UsdPrim {
   std::string type, name;
   std::size_t parent = kUsdNone;
-  bool drawn = true;  // the prim is a definition and active, and so are all prims above it
+  bool drawn = true;  // whether this prim and all prims above it are definitions and active
   std::map<std::string, UsdProperty, std::less<>> properties;
 };
 
 struct UsdLayer {
-  std::map<std::string, std::size_t, std::less<>> metadata;  // of the layer
+  std::map<std::string, std::size_t, std::less<>> metadata;  // position of the value of each key
   std::vector<UsdPrim> prims;
   // Composition arcs: statements that refer to other files, or choose among parts of this file.
   std::set<std::string> arcs;
@@ -42,9 +42,10 @@ class UsdaParser {
  public:
   UsdaParser(std::string_view text, const std::string& name) : text_(text), name_(name) {}
 
+  // Parses the whole text.
   UsdLayer parse();
 
-  // ---- Values: read at their position in the text ----
+  // ---- The following functions read the value at a position `at` of the text ----
 
   // Sets `values` to the numbers of an array whose elements have `width` numbers. Returns false for None.
   bool read_array(std::size_t at, std::size_t width, std::vector<float>& values);
@@ -61,7 +62,7 @@ class UsdaParser {
  private:
   [[noreturn]] void error(const std::string& what) const;
 
-  // Skips blanks and comments and returns the next character; 0 at the end of the text.
+  // Skips blanks and comments and returns the next character, or 0 at the end of the text.
   char peek();
 
   void expect(char c);
@@ -74,7 +75,8 @@ class UsdaParser {
   template <typename Number>
   Number number();
 
-  // Skips a string in any of its four forms. Returns its content without converting escapes.
+  // Skips a string, which is enclosed in one or three single or double quotes. Returns its content without
+  // converting escapes.
   std::string string();
 
   void skip_to(std::string_view end, const char* what);
@@ -86,7 +88,8 @@ class UsdaParser {
 
   void skip_value();
 
-  // Calls `found` for each entry, with the parser at the entry's value.
+  // Parses the metadata of a layer, prim or property. Calls found(key) for each entry, while the position of
+  // the parser is that of the entry's value.
   template <typename Found>
   void metadata(const Found& found);
 

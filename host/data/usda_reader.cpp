@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Reads splats from the text form of OpenUSD; see foreign_formats.hpp.
+// Reads splats from OpenUSD text files; see foreign_formats.hpp.
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -16,10 +16,10 @@ namespace ubs {
 namespace {
 
 constexpr const char* kSplatType = "ParticleField3DGaussianSplat";
-constexpr double kNeutralTolerance = 1e-6;  // tolerance for operations that neither rotate nor scale
+constexpr double kNeutralTolerance = 1e-6;  // tolerance for operations that should neither rotate nor scale
 
-// Returns the nearest number of half precision. OpenUSD prints halves with six digits, which are enough to
-// distinguish them but are not the exact value.
+// Returns the nearest number of half precision. OpenUSD prints such numbers with six digits, which is enough
+// to distinguish them, but is not their exact value.
 float nearest_half(float value) {
   constexpr float kLargest = 65504;
   constexpr int kLeastExponent = -14, kFractionBits = 10;
@@ -99,7 +99,7 @@ class UsdSplatReader {
     return found == prim.properties.end() ? nullptr : &found->second;
   }
 
-  // Returns the position of a property's value at the chosen time; kUsdNone if it has no value.
+  // Returns the position of a property's value at the chosen time, or kUsdNone if the property has no value.
   std::size_t value_at(const UsdProperty* property) const {
     if (!property) return kUsdNone;
     if (property->samples.empty()) return property->value;
@@ -110,8 +110,8 @@ class UsdSplatReader {
         ->second;
   }
 
-  // Returns the values of an attribute, `width` numbers per element. Reads its float form or, if that is
-  // missing, its half form.
+  // Returns the values of an attribute with `width` numbers per element. Reads the attribute `name` with
+  // float values or, if it is missing, the attribute with half-precision values, whose name ends with "h".
   std::vector<float> array_of(const UsdPrim& prim, const std::string& name, std::size_t width) {
     std::vector<float> values;
     const auto has = [&](const std::string& form) {
@@ -124,11 +124,12 @@ class UsdSplatReader {
     return values;
   }
 
-  // Applies the rule of the schema: longer arrays are truncated, shorter ones are ignored.
+  // Returns whether an array is used. The schema requires that an array with too many values is truncated,
+  // and that an array with too few values is ignored. Adds a note in both cases, and if the array is missing.
   bool fits(const UsdPrim& prim, const char* name, std::size_t size, std::size_t expected,
             LoadReport& report) {
     if (size == 0) {
-      report.note(fmt::format("{}: no {}: the schema's default is used", prim.name, name));
+      report.note(fmt::format("{}: {} are missing: the schema's default is used", prim.name, name));
       return false;
     }
     if (size < expected)
@@ -179,20 +180,22 @@ class UsdSplatReader {
     return splats;
   }
 
-  // Sets the degree and colours_. Returns the stored number of coefficients per splat; 0 if there are none.
+  // Sets the degree of the spherical harmonics and colours_. Returns the number of coefficients per splat in
+  // the file, or 0 if they are missing or cannot be used.
   std::size_t read_colours(const UsdPrim& prim, std::size_t count, ImportedSplats& splats) {
     int degree = 3;  // the schema's default
     if (const std::size_t at = value_at(find(prim, "radiance:sphericalHarmonicsDegree")); at != kUsdNone) {
       const std::vector<double> value = parser_.read_numbers(at);
       if (value.size() != 1 || !(value[0] >= 0 && value[0] <= 10) || value[0] != std::floor(value[0]))
-        fail(ErrorKind::data, "{}: {}: the degree of the harmonics is not a whole number from 0 to 10", name_,
-             prim.name);
+        fail(ErrorKind::data, "{}: {}: the degree of the harmonics must be a whole number from 0 to 10",
+             name_, prim.name);
       degree = static_cast<int>(value[0]);
     }
     colours_ = array_of(prim, "radiance:sphericalHarmonicsCoefficients", 3);
     const std::size_t stored = static_cast<std::size_t>((degree + 1) * (degree + 1));
     if (count == 0 || !fits(prim, "harmonics", colours_.size(), 3 * count * stored, splats.report)) return 0;
-    if (degree > 3) splats.report.note(fmt::format("harmonics of degree 4 to {} are not used", degree));
+    if (degree > 3)
+      splats.report.note(fmt::format("spherical harmonics of degree 4 to {} are not used", degree));
     splats.sh_degree = std::min(degree, 3);
     return stored;
   }
@@ -272,8 +275,8 @@ class UsdSplatReader {
   }
 
   static void note_unused(const UsdPrim& prim, LoadReport& report) {
-    // extent, the hints and the side of surfaces have no effect here; displayColor is for programs that do
-    // not know the schema.
+    // `known` contains attributes that are used elsewhere, that have no effect here (extent, hints and the
+    // side of surfaces), or that are for programs that do not support the schema (displayColor).
     const std::set<std::string_view> used{"positions", "orientations", "scales", "opacities",
                                           "radiance:sphericalHarmonicsCoefficients"};
     const std::set<std::string_view> known{"radiance:sphericalHarmonicsDegree",
@@ -306,8 +309,8 @@ class UsdSplatReader {
 
   void note_time(ImportedSplats& splats, bool chosen) const {
     if (codes_.size() < 2) return;
-    splats.report.note(fmt::format("{} time samples, time codes {} to {}: {} is read{}", codes_.size(),
-                                   *codes_.begin(), *codes_.rbegin(), code_,
+    splats.report.note(fmt::format("{} time samples, time codes {} to {}: the sample at {} is read{}",
+                                   codes_.size(), *codes_.begin(), *codes_.rbegin(), code_,
                                    chosen ? "" : "; 'ubs convert --time' reads another one"));
   }
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Reads and writes binary OpenUSD files (.usdc, .usd); see foreign_formats.hpp. The binary form has no
-// specification, so OpenUSD's own programs convert it from and to the text form: either usdcat, or a Python
-// with the package usd-core.
+// Reads and writes binary OpenUSD files (.usdc, .usd); see foreign_formats.hpp. The binary format has no
+// specification, so such files are converted from and to text files by programs of OpenUSD: either usdcat, or
+// a Python with the package usd-core.
 #include <algorithm>
 #include <fstream>
 
@@ -18,10 +18,10 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// Removes the current folder from the search path: Python looks for modules there first, and it may contain
-// any file.
+// This Python code removes the current folder from the search path before it imports OpenUSD. Python looks
+// for modules in this folder first, and it may contain any file.
 #define UBS_IMPORT_SDF "import sys; sys.path[:] = [p for p in sys.path if p]; from pxr import Sdf; "
-// Converts a layer to the format of the target's extension. References are kept, not followed.
+// Converts a layer. The extension of the target determines the format. References are kept, not followed.
 constexpr const char* kCopyScript = UBS_IMPORT_SDF
     "layer = Sdf.Layer.FindOrOpen(sys.argv[1]); "
     "sys.exit(0 if layer and layer.Export(sys.argv[2]) else 1)";
@@ -31,7 +31,8 @@ int exit_code_of(const std::vector<std::string>& arguments, const fs::path& log)
   return result.signal != 0 ? 128 + result.signal : result.code;
 }
 
-// Command that converts a file; the names of the two files are appended. Empty if no converter was found.
+// UsdConverter contains the command that converts a file; the names of the two files are appended to it. The
+// command is empty if no converter was found.
 struct UsdConverter {
   std::vector<std::string> command;
   bool is_usdcat = false;
@@ -40,7 +41,7 @@ struct UsdConverter {
 UsdConverter find_usd_converter() {
   const TemporaryFolder temporary;
   const fs::path log = temporary.path() / "version.log";
-  // Run it, because usdcat may be installed without the libraries that it needs.
+  // Run usdcat to check that it works, because it may be installed without the libraries that it needs.
   if (const fs::path usdcat = find_program("usdcat");
       !usdcat.empty() && exit_code_of({usdcat.string(), "--help"}, log) == 0)
     return {{usdcat.string()}, true};
@@ -82,7 +83,7 @@ void convert_usd(const UsdConverter& converter, const fs::path& from, const fs::
          converter.command.front(), code, last_words(log));
 }
 
-// Writes the text form with `write_text`, which receives a path, and converts it to the binary form.
+// Calls write_text(path), which writes a text file, and converts this file to a binary file.
 template <typename WriteText>
 void write_binary_usd(const fs::path& path, const WriteText& write_text) {
   const UsdConverter converter = usd_converter(path.string());
@@ -99,7 +100,7 @@ void write_binary_usd(const fs::path& path, const WriteText& write_text) {
   while (left > 0) {
     const auto part = std::span(block).first(std::min(left, block.size()));
     if (!in.read(reinterpret_cast<char*>(part.data()), static_cast<std::streamsize>(part.size())))
-      fail(ErrorKind::data, "{}: cannot read", binary.string());
+      fail(ErrorKind::data, "{}: the file cannot be read", binary.string());
     file.write(part);
     left -= part.size();
   }

@@ -18,8 +18,8 @@ namespace ubs {
 namespace {
 
 // Returns whether the file is a container that holds the frames themselves. A file with any name may be a
-// playlist that makes FFmpeg open other files or URLs. FFmpeg recognises the containers by these first bytes,
-// and a playlist has none of them.
+// playlist that makes FFmpeg open other files or URLs. FFmpeg recognises the containers by the first bytes
+// that are compared here, and no playlist starts with them.
 bool holds_its_frames(const std::filesystem::path& path) {
   std::array<char, 400> start{};
   std::ifstream(path, std::ios::binary).read(start.data(), start.size());
@@ -38,8 +38,9 @@ bool holds_its_frames(const std::filesystem::path& path) {
 
 }  // namespace
 
-// Decoders can only seek to key frames. To go forward by a few frames, the frames between are decoded. If
-// seeking does not reach the requested frame, the file is decoded from its start.
+// VideoFile decodes the frames of a video file. Decoders can only seek to key frames. To go forward by a few
+// frames, the frames in between are decoded. If seeking does not reach the requested frame, the file is
+// decoded from its start.
 class VideoFile {
  public:
   explicit VideoFile(std::filesystem::path path) : path_(std::move(path)) {
@@ -55,8 +56,8 @@ class VideoFile {
       fail(ErrorKind::data, "{}: the video has no frames", path_.string());
     const std::uint64_t bytes = file_bytes(path_);
     if (frames > static_cast<double>(bytes) || frames > std::numeric_limits<int>::max())
-      fail(ErrorKind::data, "{}: damaged: the header announces {:g} frames in {} bytes", path_.string(),
-           frames, bytes);
+      fail(ErrorKind::data, "{}: the video is damaged: its header announces {:g} frames in {} bytes",
+           path_.string(), frames, bytes);
     frames_ = static_cast<int>(frames);
   }
 
@@ -80,12 +81,13 @@ class VideoFile {
   int frames() const { return frames_; }
 
  private:
-  static constexpr int kDecodeAhead = 60;
+  static constexpr int kDecodeAhead = 60;  // maximum number of frames that are decoded instead of seeking
 
   void open() {
     capture_->release();
     try {
-      // Only these: some other backends interpret file names as patterns, URLs or pipelines.
+      // Only these two backends are used, because some others interpret file names as patterns, URLs or
+      // pipelines.
       for (const int backend : {cv::CAP_FFMPEG, cv::CAP_OPENCV_MJPEG})
         if (!capture_->isOpened()) capture_->open(path_.string(), backend);
     } catch (const cv::Exception&) {
@@ -94,8 +96,8 @@ class VideoFile {
     next_ = 0;
   }
 
-  // Closes the file, because the position of the decoder is unknown after an error. The next call opens it
-  // again and so gets the right frame.
+  // Throws an error about a frame. Closes the file first, because the position of the decoder is unknown
+  // after an error. The next call of frame() opens the file again, and so gets the right frame.
   [[noreturn]] void lose(const char* what, int index) {
     capture_->release();
     fail(ErrorKind::data, "{}: {} {}", path_.string(), what, index);
@@ -112,7 +114,7 @@ class VideoFile {
       }
     }
     for (; next_ < index; ++next_)
-      if (!capture_->grab()) lose("ends before frame", index);
+      if (!capture_->grab()) lose("the video ends before frame", index);
   }
 
   std::filesystem::path path_;

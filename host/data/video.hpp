@@ -10,11 +10,11 @@
 
 namespace ubs {
 
-class VideoFile;  // one decoder; frame sources may share it between threads
+class VideoFile;  // a decoder, which frame sources of several threads may share
 
 std::shared_ptr<VideoFile> open_video(const std::filesystem::path& path);
 ImageSize video_size(const VideoFile& video);
-int video_frames(const VideoFile& video);  // as stated in the container
+int video_frames(const VideoFile& video);  // returns the number of frames that the container states
 
 // Returns a source of frame `index`, resized to width x height by Pillow's bicubic filter if necessary.
 std::shared_ptr<const ImageSource> video_frame_source(std::shared_ptr<VideoFile> video, int index, int width,

@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
+// See video_writer.hpp.
 #include "host/data/video_writer.hpp"
 
 #include <map>
@@ -35,7 +36,8 @@ class QuietOpencv {
   cv::utils::logging::LogLevel level_;
 };
 
-// Opens the file with the first codec that works and returns its name; empty if none works.
+// Opens the file with the first codec that works. Returns the name of this codec, or an empty text if none
+// works.
 std::string open_writer(cv::VideoWriter& writer, const fs::path& path, int width, int height, double fps) {
   const QuietOpencv quiet;
   for (const std::string& codec : codecs().at(small_extension(path))) {
@@ -45,7 +47,7 @@ std::string open_writer(cv::VideoWriter& writer, const fs::path& path, int width
       if (backend == cv::CAP_OPENCV_MJPEG && small_extension(path) != ".avi") continue;
       try {
         if (opencv().open_writer(writer, path.string(), backend, code, fps, {width, height})) return codec;
-        // An encoder that refuses the file counts as missing.
+        // An encoder that refuses the file is treated as missing.
       } catch (const cv::Exception&) {
       }
     }
@@ -86,11 +88,11 @@ VideoWriter::VideoWriter(fs::path path, int width, int height, double fps)
     fail(ErrorKind::usage, "{}: video frames must have an even width and height from 16 to 16384, not {}x{}",
          path_.string(), width, height);
   if (!(fps > 0 && fps <= 1000))
-    fail(ErrorKind::usage, "{}: {} frames a second are not supported: choose a rate above 0 and up to 1000",
+    fail(ErrorKind::usage, "{}: {} frames per second are not supported: choose a rate above 0 and up to 1000",
          path_.string(), fps);
   const fs::path folder = path_.has_parent_path() ? path_.parent_path() : fs::path(".");
   if (!is_folder(folder)) fail(ErrorKind::data, "{}: the folder does not exist", folder.string());
-  if (is_folder(path_)) fail(ErrorKind::data, "{}: is a folder", path_.string());
+  if (is_folder(path_)) fail(ErrorKind::data, "{}: this is a folder", path_.string());
   file_ = std::make_unique<AtomicFile>(path_, FileUse::result, small_extension(path_));
   encoder_ = std::make_unique<Encoder>();
   codec_ = open_writer(*encoder_->writer, file_->temporary(), width, height, fps);
@@ -124,8 +126,8 @@ void VideoWriter::write(const Image8& frame) {
 void VideoWriter::commit() {
   encoder_->writer->release();
   const auto incomplete = [&](int found) {
-    fail(ErrorKind::data, "{}: only {} of {} frames were written: is the disk full?", path_.string(), found,
-         frames_);
+    fail(ErrorKind::data, "{}: only {} of {} frames were written: the disk may be full", path_.string(),
+         found, frames_);
   };
   int found = 0;
   try {

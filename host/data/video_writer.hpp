@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// VideoWriter writes video files with OpenCV. The extension determines the codec; the first of these that is
-// available is used: H.264 or MPEG-4 for .mp4, .m4v and .mov; H.264, MPEG-4 or Motion JPEG for .mkv; Motion
-// JPEG for .avi. The available encoders are determined at run time.
+// VideoWriter writes video files with OpenCV. The extension of the file determines which codecs are tried,
+// and the first codec for which an encoder is available is used. For .mp4, .m4v and .mov these are H.264 and
+// MPEG-4; for .mkv these are H.264, MPEG-4 and Motion JPEG; for .avi it is Motion JPEG. The available
+// encoders are determined at run time.
 #pragma once
 
 #include <filesystem>
@@ -17,24 +18,26 @@ class AtomicFile;
 
 // Returns the extensions (".mp4" and so on) that VideoWriter accepts, whether or not an encoder is available.
 std::vector<std::string> video_extensions();
-// Returns the formats that this machine can write, such as "avi (MJPG), mp4 (avc1)". Tries them in a
-// temporary folder.
+// Returns the formats that this machine can write, such as ".avi (MJPG), .mp4 (avc1)". The function tries all
+// formats in a temporary folder.
 std::string writable_videos();
 
 // VideoWriter is like AtomicFile, but an encoder writes the file. The file does not appear under its name
 // before commit().
 class VideoWriter {
  public:
-  // Requires even sizes of at least 16 and fps in (0, 1000]. Throws Error(usage) for other extensions, sizes
-  // and rates. Throws Error(data) that names the possible formats if no encoder accepts the file.
+  // The width and the height must be even numbers from 16 to 16384, and `fps` must be above 0 and at most
+  // 1000. Throws Error(usage) for other sizes and rates, and for unknown extensions. Throws Error(data) if no
+  // encoder accepts the file; the message lists the formats that can be written.
   VideoWriter(std::filesystem::path path, int width, int height, double fps);
   ~VideoWriter();
   VideoWriter(const VideoWriter&) = delete;
   VideoWriter& operator=(const VideoWriter&) = delete;
 
+  // Encodes the next frame.
   void write(const Image8& frame);
-  // Throws Error(data) if the file does not contain all frames written, because encoders do not report a full
-  // disk.
+  // Completes the file and gives it its name. Throws Error(data) if the file does not contain all frames.
+  // This is checked because encoders do not report a full disk.
   void commit();
   const std::string& codec() const { return codec_; }
 

@@ -25,7 +25,7 @@ int reduced(int ideal, double stated, int factor) {
   return std::min(ideal, downscaled(static_cast<int>(std::lround(stated)), factor));
 }
 
-// Returns whether the mask leaves any pixel of a view.
+// Returns whether the mask leaves any pixel of the view that `plan` describes.
 bool counts_any(const Image8& mask, const Undistortion& plan) {
   Image8 pixels = undistort(mask, plan);
   set_mask(pixels, pixels);
@@ -42,8 +42,8 @@ double degrees_across(double focal, double centre, int size) {
   return (std::atan(centre / focal) + std::atan((size - centre) / focal)) * 180 / std::acos(-1.0);
 }
 
-// Sets the properties of the view that the image file determines, if there is a file. Returns the lens at the
-// size of the file.
+// Sets the properties of the view that the image file determines. Returns the lens for an image of the size
+// of the file. If the file does not exist, sets nothing and returns `lens`.
 Lens with_file(View& view, const Lens& lens, const fs::path& file, LoadReport& report) {
   if (!path_exists(file)) return lens;
   const ImageInfo info = image_file_info(file);
@@ -52,7 +52,7 @@ Lens with_file(View& view, const Lens& lens, const fs::path& file, LoadReport& r
   check_image_size(info.size, {lens.width, lens.height}, file.string(), report);
   if (info.orientation != 1)
     report.note(
-        fmt::format("EXIF orientation {} ignored: cameras describe the stored pixels", info.orientation));
+        fmt::format("EXIF orientation {} is ignored: cameras describe the stored pixels", info.orientation));
   return lens.scaled_to(info.size.width, info.size.height);
 }
 
@@ -65,7 +65,8 @@ Undistortion pinhole_plan(const Lens& lens) {
   return plan;
 }
 
-// Sets camera and image source of a view; `stated` is the lens at the size that the data set states.
+// Sets the camera and the image source of a view. `stated` is the lens for an image of the size that the data
+// set states.
 void set_view(View& view, const Lens& stated, const Undistortion& plan, const fs::path& file,
               const fs::path& mask, const DatasetOptions& options) {
   FileImage image{file, mask, options.background, std::nullopt, 0, 0};
@@ -98,7 +99,7 @@ void check_image_size(ImageSize file, ImageSize camera, const std::string& where
          where, file.width, file.height, camera.width, camera.height);
   const double across = static_cast<double>(camera.width) / file.width;
   const double down = static_cast<double>(camera.height) / file.height;
-  // Rounding to whole pixels changes a size by less than one pixel of the coarser size.
+  // Rounding to whole pixels changes a size by less than one pixel of the smaller of the two images.
   const double coarse = std::max({1.0, 1 / across, 1 / down});
   if (std::abs(file.width - camera.width / down) > coarse &&
       std::abs(file.height - camera.height / across) > coarse)
@@ -108,7 +109,7 @@ void check_image_size(ImageSize file, ImageSize camera, const std::string& where
          "the same factor",
          where, file.width, file.height, camera.width, camera.height);
   report.note(fmt::format(
-      "images have {}x{} pixels, but the cameras {}x{} (ratio {:.3f}): the intrinsics were rescaled",
+      "images have {}x{} pixels, but cameras have {}x{} (ratio {:.3f}): the intrinsics were rescaled",
       file.width, file.height, camera.width, camera.height, across));
 }
 
@@ -129,7 +130,8 @@ std::size_t append_views(std::vector<View>& views, const View& view, const Lens&
     views.push_back(std::move(base));
     return 1;
   }
-  static thread_local std::vector<Undistortion> plans;  // most images have the same lens as the image before
+  // The plans are kept for the next call, because most images have the same lens as the previous image.
+  static thread_local std::vector<Undistortion> plans;
   static thread_local double left_out = 0;
   if (plans.empty() || plans[0].lens != actual) {
     plans = plan_views(actual, file.string());

@@ -14,7 +14,8 @@
 namespace ubs {
 namespace {
 
-// File systems usually allow 255 bytes; the rest is for suffixes and for the names of temporary files.
+// File systems usually allow names of 255 bytes. The remaining bytes are for suffixes and for the names of
+// temporary files.
 constexpr std::size_t kLongestName = 180;
 
 char lower(char c) { return c >= 'A' && c <= 'Z' ? static_cast<char>(c - 'A' + 'a') : c; }
@@ -25,7 +26,8 @@ std::string folded(std::string_view name) {
   return result;
 }
 
-// On Windows these names are devices in every folder, regardless of the text after the first dot.
+// Returns whether a name is that of a device. On Windows, files with these names are devices in every folder,
+// regardless of the text after the first dot.
 bool is_device(std::string_view name) {
   const std::string stem = folded(name.substr(0, name.find('.')));
   if (stem == "con" || stem == "prn" || stem == "aux" || stem == "nul") return true;
@@ -37,7 +39,7 @@ std::string shortened(const std::string& name) {
   if (name.size() <= kLongestName) return name;
   const std::string end = fmt::format("~{:016x}", name_hash(name));
   std::size_t kept = kLongestName - end.size();
-  // Does not cut inside of a UTF-8 character.
+  // Do not cut the name inside of a UTF-8 character.
   while (kept > 0 && (static_cast<unsigned char>(name[kept]) & 0xc0) == 0x80) --kept;
   return name.substr(0, kept) + end;
 }
@@ -69,7 +71,8 @@ void settle_view_names(std::vector<View>& views) {
   const auto taken = [&](const std::string& name) {
     return std::ranges::any_of(kSuffixes, [&](const char* suffix) { return used.contains(name + suffix); });
   };
-  std::map<std::string, int> copies;  // per name, so that many equal names do not take quadratic time
+  // The last number that was tried for each name. Without it, many equal names would take quadratic time.
+  std::map<std::string, int> copies;
   for (View& view : views) {
     std::string name = view.name;
     if (taken(folded(name))) {

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// These functions make the names of views safe and unique. Commands write a file for each view, named after
-// it, but the names come from untrusted data: JSON files, COLMAP models, packed files. load_dataset passes
-// every view of every layout through these functions, so that "<name>.png" in a folder is a file in that
-// folder, and a different file for each view.
+// These functions make the names of views safe and unique. Commands write files that are named after the
+// views, but the names come from untrusted data: JSON files, COLMAP models and packed files. load_dataset()
+// passes every view of every layout through these functions, so that "<name>.png" in a folder is a file in
+// that folder, and a different file for each view.
 #pragma once
 
 #include <string>
@@ -13,20 +13,21 @@
 
 namespace ubs {
 
-// Returns `name` with %HH instead of each byte that file names cannot contain on every system: separators,
-// control characters and <>:"|?*. The first byte is also replaced in names that consist only of dots and in
-// Windows device names (CON, LPT1, ...). A name of more than 180 bytes is shortened to its start, "~" and a
-// hash of the whole name. An empty name becomes "view". The name need not be UTF-8. A safe name is returned
-// unchanged.
+// Returns `name` with %HH (the hexadecimal value) in place of each byte that is not allowed in file names on
+// every system. These bytes are separators, control characters and <>:"|?*. The first byte is also replaced
+// in names that consist only of dots, and in names of Windows devices (CON, LPT1, ...). A name of more than
+// 180 bytes is shortened to its start, "~" and a hash of the whole name. An empty name becomes "view". The
+// name need not be UTF-8. A name that needs no change is returned unchanged.
 std::string safe_file_name(std::string_view name);
 
-// Applies safe_file_name to every view, then renames later views with an equal name to name_2, name_3, ...
-// Names count as equal if they differ only in the case of the letters A to Z. Names with the suffixes _alpha
-// and _depth, which `render` adds, count as used too.
+// Applies safe_file_name() to the name of every view. If several views have the same name, the second and
+// further ones are renamed to name_2, name_3, ... Names are treated as the same if they differ only in the
+// case of the letters A to Z. A view must also not have the name of another view followed by _alpha or
+// _depth, because `render` writes files with these names.
 void settle_view_names(std::vector<View>& views);
 
-// Like settle_view_names, for views that are grouped by image: counts[i] consecutive views belong to image i.
-// The names of images are made unique first, so that the names of all views of one image start with the same
+// Does the same for views that are grouped by image: counts[i] consecutive views belong to image i. The names
+// of images are made unique first, so that the names of all views of one image start with the same
 // View::part_of.
 void settle_image_names(std::vector<View>& views, const std::vector<std::size_t>& counts);
 

@@ -16,10 +16,10 @@ struct Rgba8 {
   std::vector<std::uint8_t> rgba;  // rows from top to bottom
 };
 
-// The colours of pixels with alpha 0 may be lost.
+// Returns the contents of a WebP file. The colours of pixels with alpha 0 may be lost.
 std::vector<std::byte> encode_webp(const Rgba8& image);
-// Decodes an image of at most `most_pixels` pixels. Refuses lossy images, because the pixels encode data.
-// Throws Error(data) whose message starts with `name`.
+// Decodes an image. Throws Error(data) with a message that starts with `name` if the image is damaged, if it
+// has more than `most_pixels` pixels, or if it is lossy, because the pixels encode data.
 Rgba8 decode_webp(std::span<const std::byte> bytes, std::size_t most_pixels, const std::string& name);
 
 }  // namespace ubs

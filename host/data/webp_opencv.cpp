@@ -13,15 +13,15 @@ namespace ubs {
 namespace {
 
 constexpr int kLosslessQuality = 101;
-constexpr std::size_t kPixelBytes = 12;  // bytes per pixel: those of the decoder, of OpenCV and of the result
+constexpr std::size_t kPixelBytes = 12;  // memory per pixel for the decoder, for OpenCV and for the result
 
 // Swaps R and B. OpenCV uses B, G, R, A, so the same swap converts in both directions.
 void exchange_red_and_blue(std::span<std::uint8_t> rgba) {
   for (std::size_t i = 0; i + 3 < rgba.size(); i += 4) std::swap(rgba[i], rgba[i + 2]);
 }
 
-// Returns the number of pixels that the file header states, for a plain lossless image or one with an
-// extended header.
+// Returns the number of pixels that the header of the file states. The file must be a plain lossless image,
+// or an image with an extended header.
 std::size_t stated_pixels(std::span<const std::byte> bytes, const std::string& name) {
   ByteReader in(bytes, name);
   const auto is = [&](const char* word) { return std::memcmp(in.take(4).data(), word, 4) == 0; };
@@ -58,9 +58,9 @@ std::vector<std::byte> encode_webp(const Rgba8& image) {
   try {
     if (!opencv().imencode(".webp", cv::Mat(image.height, image.width, CV_8UC4, bgra.data()), bytes,
                            {cv::IMWRITE_WEBP_QUALITY, kLosslessQuality}))
-      fail(ErrorKind::internal, "WebP encoder failed");
+      fail(ErrorKind::internal, "the WebP encoder failed");
   } catch (const cv::Exception& error) {
-    fail(ErrorKind::internal, "WebP encoder failed: {}", error.err);
+    fail(ErrorKind::internal, "the WebP encoder failed: {}", error.err);
   }
   const auto as_bytes = std::as_bytes(std::span(bytes));
   return {as_bytes.begin(), as_bytes.end()};
@@ -78,7 +78,7 @@ Rgba8 decode_webp(std::span<const std::byte> bytes, std::size_t most_pixels, con
     fail(ErrorKind::data, "{}: cannot decode: {}", name, error.err);
   }
   if (image.empty() || image.depth() != CV_8U || (image.channels() != 3 && image.channels() != 4))
-    fail(ErrorKind::data, "{}: damaged WebP image", name);
+    fail(ErrorKind::data, "{}: the WebP image is damaged", name);
   Rgba8 out{image.cols, image.rows, {}};
   out.rgba.reserve(4 * image.total());
   const int channels = image.channels();

@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
+// See wide_image_file.hpp.
 #include "host/data/wide_image_file.hpp"
 
 namespace ubs {

@@ -12,8 +12,9 @@ namespace ubs {
 
 class StoredWideImage final : public WideImage {
  public:
-  // `lens` has the size of the image that `source` delivers, without undistortion. `where` names the image in
-  // messages. load(), faces() and compose() throw Error if LensImage does.
+  // `lens` is the lens for an image of the size that `source` delivers; `source` does not undistort the
+  // image. `where` is the name of the image in messages. load(), faces() and compose() throw the errors of
+  // LensImage.
   StoredWideImage(const WideLens& lens, std::string where, std::shared_ptr<const ImageSource> source)
       : lens_(lens), where_(std::move(where)), source_(std::move(source)) {}
 
@@ -25,8 +26,8 @@ class StoredWideImage final : public WideImage {
   const WideLens& lens() const { return lens_; }
 
  private:
-  // Creates a LensImage for each call instead of keeping it, because a data set may have thousands of wide
-  // images, of which only a few are measured.
+  // Creates a new LensImage in each call. The object is not kept, because a data set may have thousands of
+  // wide images, and only a few of them are used in measurements.
   LensImage lens_image() const { return LensImage(lens_, where_); }
 
   WideLens lens_;

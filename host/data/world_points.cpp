@@ -37,7 +37,8 @@ WorldPoints read_world_points(const std::filesystem::path& path) {
   for (std::size_t r = 0; r < properties.size(); ++r) rows.push_back(table.data() + r * header.count);
   read_ply_rows(stream, header, properties, rows, name);
 
-  // Colours in byte files are from 0 to 255. In floating-point files they are often from 0 to 1.
+  // Colours that are stored as bytes are from 0 to 255. Colours that are stored as floating-point numbers are
+  // often from 0 to 1.
   double largest = 0;
   for (std::size_t r = 3; r < rows.size(); ++r)
     for (std::size_t i = 0; i < header.count; ++i) {
@@ -66,11 +67,13 @@ WorldPoints read_world_points(const std::filesystem::path& path) {
   return cloud;
 }
 
-// Divides the box into 4 x 4 x 4 cells. For uniformly random points, the sum over the cells of (number -
-// expected)^2 / expected is chi-squared with 63 degrees of freedom (mean 63, deviation 11). The same is true
-// for the sum of the squared deviations of the mean colours over their variances. Points on surfaces leave
-// most cells empty, so their sum is near the number of points. One random cloud in 10^8 exceeds the bound of
-// 150.
+// Divides the bounding box of the points into 4 x 4 x 4 cells and computes two sums over the cells. The first
+// is the sum of (number - expected number)^2 / expected number. For uniformly random points, it has a
+// chi-squared distribution with 63 degrees of freedom, whose mean is 63 and whose standard deviation is 11.
+// The second sum is computed for each colour channel. It is the sum of the squared deviations of the mean
+// colours of the cells, divided by their variances. For random colours, it has the same distribution. Points
+// on surfaces leave most cells empty, so their first sum is near the number of points. The points are random
+// if all sums are below 150. Only one random cloud in 10^8 exceeds this bound.
 bool is_random_filling(const WorldPoints& points) {
   constexpr std::size_t kFewest = 1000, kSide = 4, kCells = kSide * kSide * kSide;
   constexpr double kBound = 150;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// WorldPoints holds coloured points from a binary or ascii PLY file (x, y, z and, optionally, red, green,
-// blue as uchar).
+// WorldPoints contains the coloured points of a data set. read_world_points() reads them from a binary or
+// ASCII PLY file, whose properties are x, y, z and, optionally, red, green and blue.
 #pragma once
 
 #include <array>
@@ -12,25 +12,29 @@
 
 namespace ubs {
 
-// Points in double precision, before an offset is subtracted from the coordinates (dataset.hpp).
+// The positions have double precision, because no offset has been subtracted from the coordinates yet
+// (subtract_offset()).
 struct WorldPoints {
   std::vector<std::array<double, 3>> positions;
-  std::vector<std::array<std::uint8_t, 3>> colours;  // same number as positions
-  std::string unused;  // names the columns and elements of the file that were not used; empty: none
+  std::vector<std::array<std::uint8_t, 3>> colours;  // one per position
+  std::string unused;  // names of the properties and elements that were not used; empty if there are none
 };
 
-// Throws Error(data) whose message starts with `where` if a point is not finite or beyond kMaxMagnitude
-// (camera.hpp).
+// Throws Error(data) with a message that starts with `where` if a coordinate is not finite, or if its
+// absolute value exceeds kMaxMagnitude (camera.hpp).
 void check_point(const std::array<double, 3>& position, std::size_t index, const std::string& where);
 
-// Reads a file. Points without colour get 127, the grey of the random initialisation (method.md 1.3).
+// Reads a PLY file. If the file has no colours, all channels of the points are set to 127, which is the grey
+// of the random initialisation (method.md 1.3).
 WorldPoints read_world_points(const std::filesystem::path& path);
 
-// Returns whether there are at least 1000 points that fill their box evenly, as uniformly random numbers do,
-// with colours that do not depend on the position. 3DGS code writes such points as points3d.ply into data
-// folders without points; they contain no information about the scene.
+// Returns whether the points are probably random numbers. This is the case if there are at least 1000 points,
+// if they fill their bounding box evenly, and if their colours do not depend on the position. 3DGS code
+// writes such points as points3d.ply into data folders without points; they contain no information about the
+// scene.
 bool is_random_filling(const WorldPoints& points);
 
+// Returns the points relative to `offset`, in single precision.
 PointCloud subtract_offset(const WorldPoints& points, const std::array<double, 3>& offset);
 
 }  // namespace ubs

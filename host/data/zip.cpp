@@ -17,7 +17,8 @@ constexpr std::uint32_t kLocal = 0x04034b50, kCentral = 0x02014b50, kEnd = 0x060
 constexpr std::size_t kEndBytes = 22, kLongestComment = 65535;
 constexpr std::uint16_t kVersion = 20, kFirstDay = 0x21;  // 1 January 1980
 
-// Writes the part that the local and the central header of a member have in common, starting with the flags.
+// Writes the part that is the same in the local and in the central header of a member. It starts with the
+// flags.
 void put_member(std::vector<std::byte>& out, std::uint32_t crc, std::size_t size, const std::string& name) {
   for (const std::uint16_t v : {std::uint16_t{0}, std::uint16_t{0}, std::uint16_t{0}, kFirstDay})
     put_number(out, v);
@@ -31,7 +32,7 @@ void put_text(std::vector<std::byte>& out, const std::string& text) {
   for (const char c : text) out.push_back(static_cast<std::byte>(c));
 }
 
-// Reads the entries of the directory; `in` starts with it.
+// Reads the entries of the directory, which is at the start of `in`.
 std::map<std::string, ZipReader::Member> read_directory(ByteReader in, std::size_t count) {
   std::map<std::string, ZipReader::Member> members;
   for (std::size_t i = 0; i < count; ++i) {
@@ -66,7 +67,7 @@ void ZipWriter::add(const std::string& name, std::span<const std::byte> bytes) {
   out_.insert(out_.end(), bytes.begin(), bytes.end());
   put_number(directory_, kCentral), put_number(directory_, kVersion), put_number(directory_, kVersion);
   put_member(directory_, crc, bytes.size(), name);
-  for (int k = 0; k < 3; ++k) put_number(directory_, std::uint16_t{0});  // comment, disk, attributes
+  for (int k = 0; k < 3; ++k) put_number(directory_, std::uint16_t{0});  // comment, disk and attributes
   put_number(directory_, std::uint32_t{0});
   put_number(directory_, at);
   put_text(directory_, name);
@@ -76,7 +77,7 @@ void ZipWriter::add(const std::string& name, std::span<const std::byte> bytes) {
 std::vector<std::byte> ZipWriter::finish() {
   const auto at = static_cast<std::uint32_t>(out_.size());
   out_.insert(out_.end(), directory_.begin(), directory_.end());
-  put_number(out_, kEnd), put_number(out_, std::uint32_t{0});  // this disk, disk of the directory
+  put_number(out_, kEnd), put_number(out_, std::uint32_t{0});  // this disk and the disk of the directory
   for (int twice = 0; twice < 2; ++twice) put_number(out_, static_cast<std::uint16_t>(members_));
   put_number(out_, static_cast<std::uint32_t>(directory_.size())), put_number(out_, at);
   put_number(out_, std::uint16_t{0});
@@ -111,7 +112,7 @@ std::vector<std::string> ZipReader::names() const {
 std::vector<std::byte> ZipReader::get(const std::string& member, std::size_t most_bytes) const {
   const std::string name = fmt::format("{}: {}", name_, member);
   const auto found = members_.find(member);
-  if (found == members_.end()) fail(ErrorKind::data, "{}: not in the archive", name);
+  if (found == members_.end()) fail(ErrorKind::data, "{}: the archive does not contain this file", name);
   const Member& m = found->second;
   if (m.size > most_bytes)
     fail(ErrorKind::data, "{}: {} bytes are too many: at most {} are expected", name, m.size, most_bytes);
@@ -122,13 +123,14 @@ std::vector<std::byte> ZipReader::get(const std::string& member, std::size_t mos
   const auto text = in.read<std::uint16_t>(), extra = in.read<std::uint16_t>();
   in.skip(std::size_t{text} + extra);
   if (m.flags & 1 || (m.method != 0 && m.method != 8))
-    fail(ErrorKind::data, "{}: encrypted, or compressed with method {}: only 0 and 8 are supported", name,
+    fail(ErrorKind::data,
+         "{}: the file is encrypted, or compressed with method {}: only 0 and 8 are supported", name,
          m.method);
   const auto packed = in.take(m.packed);
   if (m.size / kMaxDeflateRatio > packed.size()) fail(ErrorKind::data, "{}: damaged ZIP archive", name);
   std::vector<std::byte> bytes = m.method == 0 ? std::vector<std::byte>(packed.begin(), packed.end())
                                                : inflate_raw(packed, std::size_t{m.size} + 1, name);
-  if (bytes.size() != m.size || crc32(bytes) != m.crc) fail(ErrorKind::data, "{}: damaged", name);
+  if (bytes.size() != m.size || crc32(bytes) != m.crc) fail(ErrorKind::data, "{}: the file is damaged", name);
   return bytes;
 }
 
@@ -157,7 +159,7 @@ std::vector<std::string> zip_member_names(const std::filesystem::path& path) {
     try {
       for (const auto& [name, member] : read_directory(ByteReader(directory, path.string()), count))
         names.push_back(name);
-    } catch (const Error&) {  // damaged; the reader of the archive reports it
+    } catch (const Error&) {  // the directory is damaged; the reader of the archive reports the error
       return {};
     }
     return names;

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// ZipWriter and ZipReader handle ZIP archives of a few files in memory. The writer does not compress members,
-// because they are compressed already. The reader supports compressed and uncompressed members. ZIP64 and
-// encryption are not supported.
+// ZipWriter writes and ZipReader reads ZIP archives of a few files in memory. The writer does not compress
+// the members, because their contents are already compressed. The reader supports compressed and uncompressed
+// members. ZIP64 and encryption are not supported.
 #pragma once
 
 #include <cstddef>
@@ -17,6 +17,7 @@ namespace ubs {
 class ZipWriter {
  public:
   void add(const std::string& name, std::span<const std::byte> bytes);
+  // Returns the archive.
   std::vector<std::byte> finish();
 
  private:
@@ -24,11 +25,13 @@ class ZipWriter {
   std::size_t members_ = 0;
 };
 
-// Any damage is reported as Error(data) whose message starts with `name`. The bytes must outlive the reader.
+// If the archive is damaged, functions throw Error(data) with a message that starts with `name`. The bytes of
+// `file` must outlive the reader.
 class ZipReader {
  public:
   ZipReader(std::span<const std::byte> file, std::string name);
-  // Throws Error(data) if there is no such member, or if it has more bytes than `most_bytes`.
+  // Returns the contents of a member. Throws Error(data) if there is no such member, or if it has more bytes
+  // than `most_bytes`.
   std::vector<std::byte> get(const std::string& member, std::size_t most_bytes = UINT32_MAX) const;
   std::vector<std::string> names() const;
 
@@ -43,8 +46,8 @@ class ZipReader {
   std::map<std::string, Member> members_;
 };
 
-// Returns the names of the members of an archive of any size. Reads only the directory at its end. Returns
-// nothing if there is no directory, or if it is in ZIP64 format.
+// Returns the names of the members of an archive of any size. Reads only the directory at the end of the
+// file. Returns no names if the directory is missing, damaged or in ZIP64 format.
 std::vector<std::string> zip_member_names(const std::filesystem::path& path);
 
 }  // namespace ubs

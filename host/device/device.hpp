@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Device is the lower of the two layers between the pipeline and a back end: it manages memory and copies.
-// Work is ordered: everything that is enqueued on a device runs in the order in which it was enqueued.
+// Device is the lower one of the two layers between the pipeline and a back end; the upper one is Stages
+// (stages.hpp). A Device manages memory and copies. All work that is enqueued on a device runs in the order
+// in which it was enqueued.
 #pragma once
 
 #include <algorithm>
@@ -27,24 +28,28 @@ struct DeviceInfo {
   DeviceType type = DeviceType::cpu;
   std::uint64_t memory_bytes = 0, max_allocation_bytes = 0;
   unsigned compute_units = 1;
-  // Number of lanes that a work-item should use explicitly. It is 1 on GPUs, and on devices whose driver
-  // fills vectors with work-items. It determines the rasteriser.
+  // Number of vector lanes that a work-item should use explicitly. It is 1 on GPUs, and on devices whose
+  // driver combines several work-items to a vector. The choice of the rasteriser depends on it
+  // (raster_kind()).
   unsigned float_vector_width = 1;
   bool has_double = false;
   bool sorts_by_copying = false;  // sorting by tile needs memory for a second copy of keys and values
-  // "0000:1b:00.0", or empty if unknown. It is the same for a GPU in different back ends.
+  // PCI address, for example "0000:1b:00.0", or empty if unknown. All back ends report the same address for a
+  // GPU.
   std::string pci;
-  // Language version that sub-group functions require, for example "CL3.0"; empty if there are none.
+  // OpenCL C version that kernels with sub-group functions must be compiled for, for example "CL3.0". Empty
+  // if the device does not support sub-groups.
   std::string subgroup_language;
-  // Kernel constants that do not have their default values on this device, by macro (`ubs-lab tune`). Results
-  // depend on them.
+  // Names (macros) and values of the kernel constants that do not have their default values on this device
+  // (`ubs-lab tune`). Results depend on them.
   std::map<std::string, unsigned> tuning;
 };
 std::string_view to_string(DeviceType type);
-// Returns one line, "name (platform, driver ...)", which is printed and stored with every result.
+// Returns a line "NAME (BACKEND, PLATFORM, driver VERSION)", which is printed and stored with results.
 std::string describe(const DeviceInfo& info);
 
-// Returns the index of the first device in the list that is the same GPU, which may be `index` itself.
+// Returns the index of the first device in the list that is the same GPU as the device `index`. This may be
+// `index` itself.
 std::size_t same_card(const std::vector<DeviceInfo>& devices, std::size_t index);
 
 class MetricOps;
@@ -52,18 +57,19 @@ class Stages;
 class TunableDevice;
 struct KernelConfig;
 
-// The address of device memory, for use by other code in the same process.
+// DeviceAddress is an address of device memory, for other code in the same process.
 struct DeviceAddress {
   void* pointer = nullptr;
   bool on_card = false;  // memory of a CUDA device; otherwise the host can read it
   int ordinal = 0;       // index of the CUDA device
 };
 
-// Untyped device memory. Back ends derive from it.
+// Memory is an allocation on a device, without a type. Back ends derive their classes from it.
 class Memory {
  public:
   virtual ~Memory() = default;
-  // Returns no pointer if the memory has no permanent address. OpenCL memory only has one with PoCL on CPUs.
+  // Returns the address of the memory. The pointer is null if the memory has no permanent address, which is
+  // the case for OpenCL memory, except with PoCL on CPUs.
   virtual DeviceAddress address() const { return {}; }
   std::size_t bytes() const { return bytes_; }
   const std::string& label() const { return label_; }
@@ -76,22 +82,23 @@ class Memory {
   std::size_t bytes_;
 };
 
-// A pending copy to the host. Must not outlive its device.
+// PendingRead is a copy to the host that has been enqueued. It must not outlive its device.
 class PendingRead {
  public:
   virtual ~PendingRead() = default;
-  // Waits for the copy and for work that was enqueued before it, but not for work that was enqueued after it.
+  // Waits until the copy is complete, and returns the bytes. Does not wait for work that was enqueued after
+  // the copy.
   virtual std::span<const std::byte> wait() = 0;
 };
 
 struct TimerEntry {
-  std::string name;  // kernel or copy
+  std::string name;  // name of a kernel or of a kind of copy
   std::uint64_t calls = 0;
-  double device_ms = 0;
+  double device_ms = 0;  // total time of all calls on the device [ms]
 };
 
-// A program that was built in this process: the sources, the options that specialise them, and the kernels
-// that are used.
+// ProgramUse describes a program that this process has built: its sources, the compiler options that
+// specialise them, and the kernels that are used.
 struct ProgramUse {
   std::string sources, options;
   std::vector<std::string> kernels;
@@ -102,14 +109,15 @@ class Device {
   virtual ~Device() = default;
   virtual const DeviceInfo& info() const = 0;
 
-  // Throws Error(memory) with the sizes if the device cannot allocate the request.
+  // Allocates memory. Throws Error(memory) if the device cannot allocate it; the message contains the sizes.
   virtual std::unique_ptr<Memory> allocate(std::string_view label, std::size_t bytes) = 0;
-  virtual void write(Memory& to, std::size_t offset,
-                     std::span<const std::byte> from) = 0;  // returns when `from` has been copied
-  virtual void read(const Memory& from, std::size_t offset,
-                    std::span<std::byte> to) = 0;  // waits for the result
-  // Calls `use` with the first bytes of the memory. If the device computes in host memory, `use` gets the
-  // memory itself; otherwise it gets a copy in `room`, which is enlarged if necessary. Waits for the result.
+  // Copies bytes to the device. Returns when `from` may be changed.
+  virtual void write(Memory& to, std::size_t offset, std::span<const std::byte> from) = 0;
+  // Copies bytes to the host, and waits for them.
+  virtual void read(const Memory& from, std::size_t offset, std::span<std::byte> to) = 0;
+  // Waits for all enqueued work and calls `use` with the first `bytes` bytes of the memory. If the device
+  // computes in host memory, `use` gets the memory itself. Otherwise it gets a copy in `room`, which is
+  // enlarged if necessary.
   virtual void show(const Memory& from, std::size_t bytes, std::vector<std::byte>& room,
                     const std::function<void(std::span<const std::byte>)>& use);
   // Enqueues a copy to the host and returns at once.
@@ -118,36 +126,41 @@ class Device {
   virtual void copy(const Memory& from, std::size_t from_offset, Memory& to, std::size_t to_offset,
                     std::size_t bytes) = 0;
   virtual void fill_zero(Memory& to, std::size_t offset, std::size_t bytes) = 0;
-  // Starts a copy that runs in parallel with the queue. It starts when everything enqueued so far has
-  // finished. Work enqueued after the next join_uploads() sees its result. Returns as soon as `from` may be
-  // changed.
+  // Enqueues a copy to the device that starts when all work that was enqueued before has finished, and then
+  // runs in parallel with work that is enqueued later. Work that is enqueued after the next join_uploads()
+  // uses the copied data. Returns as soon as `from` may be changed.
   virtual void copy_async(Memory& to, std::span<const std::byte> from) = 0;
   virtual void join_uploads() = 0;
+  // Waits until all enqueued work has finished.
   virtual void finish() = 0;
 
   std::uint64_t allocated_bytes() const { return allocated_; }
   std::uint64_t peak_bytes() const { return peak_; }
-  // Returns, for each label, the maximum total size of its buffers since reset_peak().
+  // Returns the maximum total size [bytes] of the buffers with each label since reset_peak().
   const std::map<std::string, std::uint64_t>& peak_by_label() const { return peaks_; }
-  void reset_peak() {  // to measure a part of the process
+  // Starts to measure the maximum again, so that callers can measure a part of the work of the process.
+  void reset_peak() {
     peak_ = allocated_;
     peaks_ = by_label_;
   }
-  // set_profiling() enables or disables the measurement of device times. timings() returns the device time
-  // per kernel since it was enabled, or nothing if it is disabled.
+  // set_profiling() enables or disables the measurement of device times. timings() returns the device times
+  // of all kernels and copies since the measurement was enabled, or nothing if it is disabled.
   virtual void set_profiling(bool on) = 0;
   virtual std::vector<TimerEntry> timings() const = 0;
-  // Returns the programs built at run time; empty if kernels are compiled ahead of time.
+  // Returns the programs that were built at run time. Returns nothing if the kernels of the back end are
+  // compiled when ubs is built.
   virtual std::vector<ProgramUse> programs() const { return {}; }
 
-  // Return the operations of the method on this device. Call them through make_stages() and make_metric_ops()
-  // of host/device/operations.hpp, which check the configuration.
+  // make_stages() and make_metric_ops() return the operations of the method on this device. Use the functions
+  // with the same names in host/device/operations.hpp instead, which also check the configuration.
   virtual std::unique_ptr<Stages> make_stages(const KernelConfig& config) = 0;
   virtual std::unique_ptr<MetricOps> make_metric_ops() = 0;
-  // Returns null if nothing can be tuned.
+  // Returns the interface for `ubs-lab tune`, or null if nothing can be tuned on this device.
   virtual TunableDevice* tunable() { return nullptr; }
 
  protected:
+  // Back ends call this function for each allocation, and with a negative number of bytes when they free
+  // memory.
   void account(const std::string& label, std::int64_t bytes) {
     allocated_ += static_cast<std::uint64_t>(bytes);
     if (allocated_ > peak_) peak_ = allocated_;
@@ -162,15 +175,15 @@ class Device {
   std::map<std::string, std::uint64_t> by_label_, peaks_;
 };
 
-// A typed view of a buffer from its start. Stages take their buffers as such views. A view does not own the
-// memory.
+// BufferView is a typed view of device memory that starts with its first element. Stages get their buffers as
+// views. A view does not own the memory.
 template <typename T>
 struct BufferView {
   Memory* memory = nullptr;
   std::size_t size = 0;
 };
 
-// Returns the first values of a view on the host.
+// Copies the first `size` values of a view to the host and returns them.
 template <typename T>
 std::vector<T> read_values(Device& device, const BufferView<T>& view, std::size_t size) {
   std::vector<T> values(size);
@@ -178,7 +191,8 @@ std::vector<T> read_values(Device& device, const BufferView<T>& view, std::size_
   return values;
 }
 
-// Calls `make` with the size `grown`, or with `size` if there is not enough memory. Returns the size used.
+// Calls `make` with the size `grown`. If this throws Error(memory), calls `make` with `size`. Returns the
+// size that was used.
 template <typename Make>
 std::size_t make_grown(std::size_t size, std::size_t grown, const Make& make) {
   try {
@@ -191,7 +205,7 @@ std::size_t make_grown(std::size_t size, std::size_t grown, const Make& make) {
   return size;
 }
 
-// A typed array on a device that owns its memory. Can be moved but not copied.
+// Buffer is a typed array on a device. It owns its memory, and can be moved but not copied.
 template <typename T>
 class Buffer {
  public:
@@ -206,7 +220,7 @@ class Buffer {
   void upload(std::span<const T> values, std::size_t first = 0) {
     device_->write(*memory_, first * sizeof(T), std::as_bytes(values));
   }
-  // See Device::show().
+  // Calls `use` with the first `size` values, as Device::show() does for bytes.
   void show(std::size_t size, std::vector<std::byte>& room, const std::function<void(const T*)>& use) const {
     device_->show(*memory_, size * sizeof(T), room,
                   [&](std::span<const std::byte> bytes) { use(reinterpret_cast<const T*>(bytes.data())); });
@@ -221,8 +235,9 @@ class Buffer {
   }
   void zero() { device_->fill_zero(*memory_, 0, size_ * sizeof(T)); }
 
-  // The content is lost if the buffer grows. It grows by at least half if the device has enough memory, so
-  // that repeated growth is amortised.
+  // Enlarges the buffer to at least `size` values, if it is smaller. In this case its contents are lost. If
+  // the device has enough memory, the buffer grows by at least half of its size, so that it is not
+  // reallocated often.
   void reserve(std::size_t size) {
     if (size <= size_) return;
     std::size_t grown = std::max(size, size_ + size_ / 2);
@@ -240,7 +255,7 @@ class Buffer {
   std::unique_ptr<Memory> memory_;
 };
 
-// Calls Buffer::reserve() of a buffer that may not have been created yet.
+// Enlarges a buffer to at least `size` values, and creates it if it does not exist yet.
 template <typename T>
 void reserve(Device& device, Buffer<T>& buffer, const char* label, std::size_t size) {
   if (!buffer) buffer = Buffer<T>(device, label, 0);

@@ -18,11 +18,12 @@ Options gradient_options(const KernelConfig& config) {
   return options;
 }
 
-// The value of UBS_FALLOFF is UBS_FALLOFF_OWN of kernels/variant.h.
+// Returns the options for a user-defined falloff. The number 2 is the value of UBS_FALLOFF_OWN in
+// kernels/variant.h.
 Options own_falloff_options(const KernelConfig& config) {
   if (!config.falloff) return {};
   const OwnFalloff& own = *config.falloff;
-  // The hexadecimal form gives exactly this float.
+  // A hexadecimal number represents the float exactly.
   return {"-DUBS_FALLOFF=2", "-DUBS_OWN_LOG2=" + own.log2, "-DUBS_OWN_R_SLOPE=" + own.r_slope,
           "-DUBS_OWN_BETA_SLOPE=" + own.beta_slope, fmt::format("-DUBS_OWN_SUPPORT={:a}f", own.support)};
 }
@@ -55,7 +56,8 @@ Options falloff_options(const KernelConfig& config) {
 
 Options extent_options(const KernelConfig& config) {
   Options options;
-  // The hexadecimal form gives exactly this float, independent of how the compiler rounds decimals.
+  // A hexadecimal number represents the float exactly, so it does not depend on how the compiler rounds
+  // decimals.
   if (config.alpha_min > 0) options.push_back(fmt::format("-DUBS_ALPHA_MIN={:a}f", config.alpha_min));
   if (!config.backward) options.push_back("-DUBS_FORWARD_ONLY=1");
   return options;

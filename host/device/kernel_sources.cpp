@@ -10,7 +10,8 @@
 
 namespace ubs {
 
-// Generated: pairs of name and text; the last entry has a null name.
+// This array is generated during the build. It contains the name and the text of each source. The last entry
+// has a null name.
 extern const std::pair<const char*, const char*> kEmbeddedKernels[];
 
 std::string kernel_source(const std::string& name) {
@@ -18,7 +19,8 @@ std::string kernel_source(const std::string& name) {
   if (folder && *folder && !name.starts_with("cuda_backend/")) {
     const std::string path = std::string(folder) + "/" + name;
     std::ifstream file(path);
-    if (!file) fail(ErrorKind::build, "{}: cannot read kernel source (UBS_KERNEL_DIR is set)", path);
+    if (!file)
+      fail(ErrorKind::build, "{}: cannot read this kernel source: check the value of UBS_KERNEL_DIR", path);
     std::ostringstream text;
     text << file.rdbuf();
     return text.str();

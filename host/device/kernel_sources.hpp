@@ -1,14 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
-// Access to the kernel sources, which kernels/embed.cmake embeds in the executable.
+// kernel_source() returns a kernel source. kernels/embed.cmake embeds all kernel sources in the executable.
 #pragma once
 
 #include <string>
 
 namespace ubs {
 
-// Returns the text of a source. Its name is relative to kernels/, or starts with "cuda_backend/" for device
-// code of CUDA. If the environment variable UBS_KERNEL_DIR is set, sources of kernels/ are read from that
-// folder instead, which allows development without rebuilding.
+// Returns the text of a source. Its name is relative to kernels/, or starts with "cuda_backend/" if it is
+// device code of the CUDA back end. If the environment variable UBS_KERNEL_DIR is set, the sources of
+// kernels/ are read from that folder instead. So kernels can be changed without building ubs again.
 std::string kernel_source(const std::string& name);
 
 }  // namespace ubs

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Types of the arguments of the kernels that the back ends share (kernels/map) or that have the same
-// arguments in each back end. They are declared once, so that a launch with a wrong buffer or a wrong number
-// of arguments does not compile. If all back ends also launch a kernel in the same way
-// (host/device/map_stages.hpp), its name is here as well.
+// This file declares the argument types of kernels. These are the kernels that all back ends share
+// (kernels/map), and kernels that have the same arguments in each back end. Because of these declarations, a
+// launch with a wrong buffer or a wrong number of arguments does not compile. For kernels that all back ends
+// launch in the same way (host/device/map_stages.hpp), this file also contains the name.
 #pragma once
 
 #include <cstdint>
@@ -17,8 +17,8 @@ using u16 = std::uint16_t;
 using u32 = std::uint32_t;
 using u64 = std::uint64_t;
 
-// True if kernels take arguments of this type by value: numbers and the structs that host and kernels share.
-// (CUDA sources are C++17, which has no concepts.)
+// True if kernels take arguments of this type by value. These are numbers, and the structs that the host and
+// the kernels share. This is a variable and not a concept, because CUDA sources are compiled as C++17.
 template <typename T>
 inline constexpr bool kKernelValue =
     std::is_arithmetic_v<T> || std::is_same_v<T, LossWeights> || std::is_same_v<T, PenaltyWeights>;

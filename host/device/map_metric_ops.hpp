@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The operations of image metrics that all back ends run in the same way, with network.cl and ssim_valid.cl
-// of kernels/map.
-// `Kernels`: see map_stages.hpp.
+// MapMetricOps runs the operations of image metrics that all back ends run in the same way, with the kernels
+// of network.cl and ssim_valid.cl in kernels/map. map_stages.hpp explains the template parameter `Kernels`.
 #pragma once
 
 #include <utility>

@@ -1,10 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
-// Stages that all back ends run in the same way, with kernels of kernels/map. Their buffers are allocated at
-// their first use. `Kernels` stands for the kernels of a program and has the functions
-//   launch(kernel, elements, rows, arguments...)    UBS_VW elements per work-item
-//   launch_each(kernel, items, rows, arguments...)  one element per work-item
+// The classes of this file run stages that all back ends run in the same way, with the kernels of
+// kernels/map. A class allocates its own buffers when they are first used.
+//
+// The template parameter `Kernels` stands for the kernels of a compiled program. It has these functions:
+//   launch(kernel, elements, rows, arguments...)    launches a kernel with UBS_VW elements per work-item
+//   launch_each(kernel, items, rows, arguments...)  launches a kernel with one element per work-item
 //   lanes()                                         returns UBS_VW
-// `Sums` has the function exclusive(in, out, count): out[i] = in[0] + ... + in[i - 1] for i = 0 .. count.
+// The template parameter `Sums` computes prefix sums. Its function exclusive(in, out, count) sets out[i] =
+// in[0] + ... + in[i - 1] for i = 0 to count.
 #pragma once
 
 #include <utility>
@@ -14,7 +17,8 @@
 
 namespace ubs {
 
-// DrawSky, SkyGradient and SkyStep. map: kernels of sky.cl; step: kernels of sky_step.cl, with one lane.
+// SkyStages runs DrawSky, SkyGradient and SkyStep. `map` are the kernels of sky.cl, and `step` are those of
+// sky_step.cl, compiled with one lane.
 template <typename Kernels>
 class SkyStages {
  public:
@@ -52,15 +56,17 @@ class SkyStages {
   Buffer<float> sums_;
 };
 
-// AppearanceStep, and the part of ImageLoss that maps an image to the colours of its photograph. map: kernels
-// of appearance.cl; step: kernels of appearance_step.cl, with one lane.
+// AppearanceStages runs AppearanceStep, and the part of ImageLoss that maps the colours of a rendered image
+// to those of its photograph. `map` are the kernels of appearance.cl, and `step` are those of
+// appearance_step.cl, compiled with one lane.
 template <typename Kernels>
 class AppearanceStages {
  public:
   AppearanceStages(Device& device, Kernels map, Kernels step)
       : device_(device), map_(std::move(map)), step_(std::move(step)) {}
 
-  // Computes `loss` with the image mapped to the colours of the photograph.
+  // Calls `loss` with the image, mapped to the colours of the photograph. If a gradient is requested,
+  // converts it to the gradient with respect to the image before the mapping.
   template <typename Loss>
   void with_colours(const ImageLoss& a, const Loss& loss) {
     if (a.appearance.size == 0) return loss(a);
@@ -85,8 +91,8 @@ class AppearanceStages {
                 mapped_.view());
     return mapped_.view();
   }
-  // Replaces v_image, the gradient of the mapped image, by that of the image, and computes the gradient of
-  // the numbers.
+  // Replaces v_image, the gradient with respect to the mapped image, by the gradient with respect to the
+  // image, and computes the gradient with respect to the numbers of the appearance.
   void gradient(const ImageLoss& a) {
     const ImageShape& s = a.shape;
     const int strips = s.tiles_y(), rows = kAppearanceNumbers * strips;
@@ -104,7 +110,7 @@ class AppearanceStages {
   Buffer<float> mapped_, sums_;
 };
 
-// PlaceDrawn, PickDrawn, UnpackDrawn and SpreadGradient (drawn.cl).
+// DrawnStages runs PlaceDrawn, PickDrawn, UnpackDrawn and SpreadGradient with the kernels of drawn.cl.
 template <typename Kernels, typename Sums>
 class DrawnStages {
  public:

@@ -1,10 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 // MetricOps is the interface between image metrics and a back end, in addition to Stages. Its operations are
-// the layers of a convolutional network, the distance of two images that is computed from their features
-// (LPIPS), and the SSIM of windows. Each operation is one virtual call, which enqueues the work and returns
-// at once. Images and features are planar, with consecutive rows: channel c starts at c * plane, where plane
-// is padded_plane(width * height). Buffers have kPlanePadding spare elements after the last plane, because
-// vectors of pixels are read across the ends of rows.
+// the layers of a convolutional network, the distance between two images that is computed from their features
+// (LPIPS), and the SSIM over the windows that are inside the image. Each operation enqueues its work and
+// returns at once.
+//
+// Images and features consist of planes, one per channel, whose rows are stored one after the other without
+// padding. Channel c starts at index c * padded_plane(width * height). Buffers have kPlanePadding unused
+// elements after the last plane, because kernels read vectors of pixels, which may extend beyond the end of a
+// plane.
 #pragma once
 
 #include <array>
@@ -17,7 +20,7 @@
 namespace ubs {
 
 constexpr std::size_t kPlanePadding = 32;
-constexpr int kPartialSums = 256;  // number of partial sums per result; the host adds them in double
+constexpr int kPartialSums = 256;  // partial sums per result; the host adds them in double precision
 
 inline std::size_t padded_plane(std::size_t pixels) { return (pixels + 15) / 16 * 16; }
 
@@ -28,8 +31,8 @@ struct PlanarSize {
   std::size_t floats(std::size_t channels) const { return channels * plane() + kPlanePadding; }
 };
 
-// An RGB image on the device, either as 8 bit (3, height, width), or as float (3, rows, pitch) with planes
-// padded as in ImageShape.
+// DeviceImage is an RGB image on the device. It is stored either as 8-bit values (3, height, width) in
+// `bytes`, or as floats (3, rows, pitch) in `values`, with planes that are padded as in ImageShape.
 struct DeviceImage {
   PlanarSize size;
   BufferView<std::uint8_t> bytes;
@@ -37,65 +40,75 @@ struct DeviceImage {
   int pitch = 0, rows = 0;
 };
 
-struct LoadImage {  // clamped to [0, 1], then value * scale + offset by channel
+// Loads an image as input of a network. Its values v are clamped to [0, 1] and converted to v * scale +
+// offset, with a scale and an offset per channel.
+struct LoadImage {
   DeviceImage image;
   std::array<float, 3> scale{1, 1, 1}, offset{0, 0, 0};
   BufferView<float> out;
 };
 
-struct Im2col {  // writes output pixels first .. first + count - 1 as columns of a matrix
+// Prepares a convolution as a matrix product: writes the windows of the output pixels first to first + count
+// - 1 as columns of a matrix.
+struct Im2col {
   BufferView<float> image;
   PlanarSize size;
   int channels = 0, window = 1, stride = 1, padding = 0;
   int out_width = 0;
   int first = 0, count = 0;
-  int pitch = 0;             // of a row of the matrix: count rounded up to a multiple of 16
+  int pitch = 0;             // elements per row of the matrix: count, rounded up to a multiple of 16
   BufferView<float> matrix;  // out (channels * window * window, pitch)
 };
 
-struct MatrixProduct {  // C (rows, columns) = A (rows, inner) B (inner, columns), all row-major
+// Computes C = A B for row-major matrices A (rows, inner), B (inner, columns) and C (rows, columns).
+struct MatrixProduct {
   int rows = 0, columns = 0, inner = 0;
-  BufferView<float> a;  // a row has `inner` elements
-  BufferView<float> b;  // starts at b_offset, with rows b_pitch apart
+  BufferView<float> a;  // its rows have `inner` elements, without padding
+  BufferView<float> b;  // starts at b_offset, and its rows start b_pitch elements apart
   std::size_t b_offset = 0;
   int b_pitch = 0;
-  BufferView<float> c;  // out; starts at c_offset, with rows c_pitch apart
+  BufferView<float> c;  // out; starts at c_offset, and its rows start c_pitch elements apart
   std::size_t c_offset = 0;
   int c_pitch = 0;
 };
 
-struct BiasRelu {  // features = max(features + bias, 0)
+// Computes features = max(features + bias, 0).
+struct BiasRelu {
   BufferView<float> features, bias;
   PlanarSize size;
   std::size_t first = 0;  // element where the first channel starts
   int channels = 0;
 };
 
-struct MaxPool {  // windows are clipped at the right and lower edge
+// Computes the maximum of each window. Windows are clipped at the right and at the lower edge of the image.
+struct MaxPool {
   BufferView<float> image;
   PlanarSize size, out_size;
   int channels = 0, window = 1, stride = 1;
   BufferView<float> out;
 };
 
-struct LpipsDistance {  // kernels/math/lpips.h, summed over the pixels
+// Computes the distance between the features a and b (kernels/math/lpips.h), summed over the pixels.
+struct LpipsDistance {
   BufferView<float> a, b, weights;
   PlanarSize size;
   int channels = 0;
   BufferView<float> scratch;  // size.plane()
-  BufferView<float> sums;     // out: kPartialSums from sums_offset
+  BufferView<float> sums;     // out: kPartialSums partial sums, from index sums_offset on
   int sums_offset = 0;
 };
 
-struct ValidSsim {  // 1 - SSIM of one channel, summed over the windows inside the image
+// Computes 1 - SSIM of one channel, summed over the windows that are inside the image.
+struct ValidSsim {
   BufferView<float> a, b;
   PlanarSize size;  // at least 11 x 11
   int channel = 0;
   BufferView<float> scratch;  // valid_ssim_scratch(size)
-  BufferView<float> sums;     // out: kPartialSums from sums_offset
+  BufferView<float> sums;     // out: kPartialSums partial sums, from index sums_offset on
   int sums_offset = 0;
 };
-// Number of windows per row and column, and the scratch memory of ValidSsim: four planes of sums and one of
+// valid_windows() returns the number of windows per row and per column. valid_ssim_scratch() returns the
+// number of floats of the scratch memory of ValidSsim, which consists of four planes of sums and one plane of
 // results.
 constexpr int kSsimWindow = 11;
 inline PlanarSize valid_windows(PlanarSize size) {
@@ -118,14 +131,16 @@ class MetricOps {
   virtual void max_pool(const MaxPool&) = 0;
   virtual void lpips_distance(const LpipsDistance&) = 0;
   virtual void valid_ssim(const ValidSsim&) = 0;
-  // Returns the size in bytes of the matrix of im2col for which products are fastest. On CPUs the matrix
-  // should fit into a core's cache.
+  // Returns the size [bytes] of the matrix of im2col for which matrix products are fastest. On CPUs this
+  // matrix fits into the cache of a core.
   virtual std::size_t matrix_bytes() const = 0;
-  // Returns the device memory that matrix_product allocates and keeps. The views may be empty.
+  // Returns the device memory [bytes] that matrix_product allocates and keeps. The views of the argument may
+  // be empty.
   virtual std::size_t product_bytes(const MatrixProduct&) const = 0;
 };
 
-// Returns the operations of image metrics other than PSNR and SSIM of a device.
+// Returns the MetricOps of a device. PSNR, and SSIM with windows that extend beyond the image, belong to
+// ImageLoss in stages.hpp instead.
 std::unique_ptr<MetricOps> make_metric_ops(Device& device);
 
 }  // namespace ubs

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Checks of the arguments of stages, which every back end makes before it launches anything. They cover the
-// contracts of stages.hpp that do not depend on the device. They throw Error(internal), because a violation
-// is an error in the pipeline.
+// These functions check the arguments of stages. Every back end calls them before it launches a kernel. They
+// check the conditions of stages.hpp that do not depend on the device. If a condition is violated, they throw
+// Error(internal), because the pipeline has a defect.
 #pragma once
 
 #include <algorithm>
@@ -15,13 +15,13 @@
 
 namespace ubs {
 
-// Fails if a training stage is called on stages that were created without a backward pass.
+// Throws an error if a stage of training is run although the stages were created without a backward pass.
 inline void check_backward(const KernelConfig& config, const char* stage) {
   if (!config.backward)
     fail(ErrorKind::internal, "{}: these stages were created without a backward pass", stage);
 }
 
-// For RasterForward and RasterBackward. slots: whether masks and slots are needed.
+// Checks RasterForward and RasterBackward. `slots` says whether the masks and slots are needed.
 template <typename Work>
 void check_raster(const Work& work, bool slots) {
   const auto require = [](bool holds, const char* what) {
@@ -35,8 +35,7 @@ void check_raster(const Work& work, bool slots) {
   require(work.image.size >= 3 * work.shape.plane(), "the image buffer is too small for three planes");
 }
 
-// For RasterForward and RasterBackward with RasterKind::gpu: checks the size of the states in front of the
-// segments of lists.
+// Checks the size of the list states of RasterForward and RasterBackward with RasterKind::gpu.
 template <typename Work>
 void check_list_states(const Work& work) {
   const std::uint64_t needed = stage_sizes::list_state_floats(work.sorted_ids.size);
@@ -44,7 +43,8 @@ void check_list_states(const Work& work) {
     fail(ErrorKind::internal, "raster: the list states have {} floats, but {} are needed", work.states.size,
          needed);
 }
-// Returns the number of work-groups that the backward rasteriser launches, one per segment.
+// Returns the number of work-groups that the backward rasteriser launches. There is one for each segment of a
+// list.
 inline std::uint64_t list_segments(const RasterBackward& work) {
   return stage_sizes::list_segments(static_cast<std::uint64_t>(work.shape.tiles()), work.sorted_ids.size);
 }
@@ -59,7 +59,7 @@ inline void check_weights(const MeasureWeights& work) {
   require(work.weights.size >= intersections, "the weights are shorter than the lists");
 }
 
-// rows: number of parameters per splat.
+// Checks the sizes of a SplatView. `rows` is the number of parameters per splat.
 inline void check_view(const SplatView& splats, std::size_t rows) {
   if (splats.count > splats.stride || splats.stride % 64 != 0 || splats.params.size < rows * splats.stride)
     fail(ErrorKind::internal, "{} splats with stride {} and {} rows do not fit into a buffer with {} values",
@@ -76,7 +76,8 @@ inline void check_camera_backward(const KernelConfig& config, const CameraBackwa
          work.v_camera.size);
 }
 
-// learnt: number of trained rows.
+// Checks AdamStep. `rows` is the number of parameters per splat, and `learnt` is the number of those that are
+// trained.
 inline void check_adam(const AdamStep& step, std::size_t rows, std::size_t learnt) {
   check_view(step.splats, rows);
   if (step.learning_rates.size < rows)
@@ -87,12 +88,13 @@ inline void check_adam(const AdamStep& step, std::size_t rows, std::size_t learn
     fail(ErrorKind::internal,
          "Adam: gradients and moments have {}, {} and {} values, which is too few for {} rows of {}",
          step.v_params.size, step.moment1.size, step.moment2.size, learnt, step.splats.stride);
-  if (step.step == 0) fail(ErrorKind::internal, "Adam: steps are counted from 1");
+  if (step.step == 0) fail(ErrorKind::internal, "Adam: the step is 0, but steps are counted from 1");
   if (step.sentinel.size > 0 && step.stamp == 0)
     fail(ErrorKind::internal, "Adam: the stamp of a watched step must not be 0");
 }
 
-// The factors that the kernels multiply with (AdamConstants of kernels/math/adam.h).
+// BiasCorrection contains the factors of the bias correction that Adam kernels multiply with (AdamConstants
+// in kernels/math/adam.h).
 struct BiasCorrection {
   float inverse1, inverse_sqrt2;
 };
@@ -108,13 +110,14 @@ inline PenaltyWeights weights_per_splat(const Regularise& a) {
   return per_splat(a.weights, static_cast<float>(a.total > 0 ? a.total : a.splats.count));
 }
 
-// Returns the number of pixels that means are divided by. It is 1 if no pixel counts; the sums are 0 then.
+// Returns the number of pixels that the sums are divided by to get means. If the mask is 0 for all pixels,
+// returns 1, because the sums are 0.
 inline float counted_pixels(const ImageLoss& loss) {
   if (loss.mask.size > 0) return static_cast<float>(std::max(1u, loss.counted));
   return static_cast<float>(loss.shape.width) * static_cast<float>(loss.shape.height);
 }
 
-// Returns the weights of the loss of one value of the image.
+// Returns the weights with which one value of the image contributes to the gradient of the loss.
 inline LossWeights weights_per_value(const ImageLoss& loss) {
   return per_value(loss.weights, loss.scale, 3.0f * counted_pixels(loss));
 }
@@ -147,7 +150,7 @@ inline void check_image_loss(const ImageLoss& loss) {
       (!has_room(loss.appearance, loss.appearance_offset) ||
        (loss.v_image.size > 0 && !has_room(loss.v_appearance, loss.v_appearance_offset))))
     fail(ErrorKind::internal,
-         "image loss: there are fewer than 12 numbers of the appearance of the image, or of its gradient");
+         "image loss: the buffer of the appearance, or of its gradient, has fewer than 12 numbers");
 }
 
 inline void check_sky(const DrawSky& a) {

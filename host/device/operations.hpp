@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Creates the operations that a device provides, independent of its back end.
+// These functions create the operations of a device. They work in the same way for all back ends.
 #pragma once
 
 #include <memory>
@@ -14,10 +14,11 @@ namespace ubs {
 // configuration.
 std::unique_ptr<Stages> make_stages(Device& device, const KernelConfig& config);
 
-// Converts a choice of "cpu", "gpu" or "auto". RasterKind::cpu processes pixel blocks with explicit vectors,
-// RasterKind::gpu one pixel per work-item. "auto" selects RasterKind::cpu if the device has vectors of floats
-// (float_vector_width > 1), otherwise RasterKind::gpu. Throws Error(usage) for any other choice, and for
-// "cpu" with CUDA, which only has RasterKind::gpu.
+// Returns the kind of rasteriser for a choice, which must be "cpu", "gpu" or "auto". RasterKind::cpu
+// processes blocks of pixels with explicit vectors, and RasterKind::gpu processes one pixel per work-item.
+// "auto" selects RasterKind::cpu if the device has vectors of floats (float_vector_width > 1), and otherwise
+// RasterKind::gpu. Throws Error(usage) for any other choice, and for "cpu" on CUDA devices, which only
+// support RasterKind::gpu.
 RasterKind raster_kind(const std::string& choice, const DeviceInfo& info);
 
 }  // namespace ubs

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The stages that change parameters: Regularise, AdamStep, Relocate, Grow, AddNoise, SamplingWeights and
-// SplitSources. All decisions are made on the device. Only Relocate waits, because it returns the number of
-// splats that moved.
+// ParameterStages runs the stages that train the parameters: Regularise, AdamStep, Relocate, Grow, AddNoise,
+// SamplingWeights and SplitSources. Only Relocate waits for the device, because it returns the number of
+// splats that it has moved. All other decisions are made on the device.
 #pragma once
 
 #include <utility>
@@ -14,8 +14,8 @@
 
 namespace ubs {
 
-// Kernels and Sums: see map_stages.hpp. step: kernels of adam.cl, regularise.cl and noise.cl; draws: kernels
-// of mcmc.cl, with one lane.
+// map_stages.hpp explains the template parameters. `step` are the kernels of adam.cl, regularise.cl and
+// noise.cl, and `draws` are those of mcmc.cl, compiled with one lane.
 template <typename Kernels, typename Sums>
 class ParameterStages {
  public:
@@ -83,7 +83,9 @@ class ParameterStages {
   }
 
  private:
-  struct Draw {  // slot i of first .. first + slots - 1 draws with number i
+  // The splats first to first + slots - 1 may receive copies. The random numbers for the splat first + i
+  // depend on i.
+  struct Draw {
     u32 first, slots, purpose;
     bool alive_only;
     std::uint64_t seed, iteration;
@@ -91,6 +93,7 @@ class ParameterStages {
   static u32 low_word(std::uint64_t value) { return static_cast<u32>(value); }
   static u32 high_word(std::uint64_t value) { return static_cast<u32>(value >> 32); }
 
+  // Chooses random splats, copies them to the splats of `draw`, and adjusts their opacities and moments.
   void replace(const SplatView& splats, BufferView<float> moment1, BufferView<float> moment2,
                const Draw& draw) {
     reserve(device_, weights_, "mcmc weights", splats.count);

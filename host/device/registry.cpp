@@ -49,8 +49,9 @@ std::vector<Backend>& backends() {
 
 using Candidates = std::vector<std::size_t>;  // indices in the list of devices
 
-// Returns the candidate that a request for a type, or otherwise for a part of a name, selects, or nullopt if
-// there is none. An empty request selects the first GPU, or otherwise the first candidate.
+// Returns the first candidate of the type `wanted`. If no candidate has this type, returns the first
+// candidate whose platform, vendor or name contains `wanted`, or nullopt if there is none. If `wanted` is
+// empty, returns the first GPU, or the first candidate if there is no GPU.
 std::optional<std::size_t> choose_among(const std::vector<DeviceInfo>& devices, const Candidates& candidates,
                                         const std::string& wanted) {
   const auto first = [&](const auto& matches) -> std::optional<std::size_t> {
@@ -71,14 +72,15 @@ std::optional<std::size_t> choose_among(const std::vector<DeviceInfo>& devices, 
 }
 
 std::optional<std::size_t> find_device(const std::vector<DeviceInfo>& devices, std::string wanted) {
-  // Test for the back end before names, because the OpenCL platform of NVIDIA GPUs is called "NVIDIA CUDA".
+  // The back end is compared before the names, because the OpenCL platform of NVIDIA GPUs is called "NVIDIA
+  // CUDA".
   const std::string backend = wanted.substr(0, wanted.find(':'));
   const bool names_backend = backend == "cuda" || backend == "opencl";
   if (names_backend) wanted.erase(0, backend.size() + 1);
   Candidates candidates;
   for (std::size_t i = 0; i < devices.size(); ++i)
     if (!names_backend || devices[i].backend == backend) candidates.push_back(i);
-  // A number is an index into the candidates; with three or more digits it is part of a name.
+  // A number with one or two digits is an index into the candidates. A longer number is a part of a name.
   if (!wanted.empty() && wanted.size() < 3 &&
       std::ranges::all_of(wanted, [](unsigned char c) { return std::isdigit(c); })) {
     const std::size_t place = std::stoul(wanted);
@@ -102,7 +104,7 @@ std::vector<std::size_t> device_candidates(const std::vector<DeviceInfo>& device
                                            const std::string& request) {
   // PoCL reports no device if it has no writable folder.
   if (const std::string why = cache_defects(); devices.empty() && !why.empty())
-    fail(ErrorKind::data, "no folder for compiled kernels ({}): set UBS_KERNEL_CACHE to a writable folder",
+    fail(ErrorKind::data, "cannot store compiled kernels ({}): set UBS_KERNEL_CACHE to a writable folder",
          why);
   if (devices.empty())
     fail(ErrorKind::device,
@@ -112,7 +114,8 @@ std::vector<std::size_t> device_candidates(const std::vector<DeviceInfo>& device
   if (wanted.empty()) {
     std::vector<std::size_t> all(devices.size());
     std::iota(all.begin(), all.end(), std::size_t{0});
-    std::ranges::stable_partition(all, [&](std::size_t i) { return devices[i].type == DeviceType::gpu; });
+    std::stable_partition(all.begin(), all.end(),
+                          [&](std::size_t i) { return devices[i].type == DeviceType::gpu; });
     return all;
   }
   if (const auto found = find_device(devices, lower(wanted))) return {*found};
@@ -131,7 +134,7 @@ std::unique_ptr<Device> open_device(std::size_t index) {
     if (index < before + count) return backend.open_device(index - before);
     before += count;
   }
-  fail(ErrorKind::device, "there is no device {}", index);
+  fail(ErrorKind::device, "device {} does not exist", index);
 }
 
 std::unique_ptr<Device> open_device(const std::string& request) {

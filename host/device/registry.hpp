@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Lists the compute devices of all back ends and platforms, and chooses from this list.
+// These functions list the compute devices of all back ends and platforms, and choose and open one of them.
 #pragma once
 
 #include <functional>
@@ -12,36 +12,41 @@
 
 namespace ubs {
 
-// Returns all devices, those of CUDA first. So a GPU that both CUDA and OpenCL report is used through CUDA,
-// whether it is chosen by default or by a part of its name.
+// Returns all devices, first those of the CUDA back end. Therefore a GPU that both back ends list is used
+// through CUDA if it is chosen by default or by a part of its name.
 std::vector<DeviceInfo> list_devices();
 
-// Returns the index in the list for a request. A request is one of: an index ("0"); a type ("cpu", "gpu"); a
-// back end ("cuda", "opencl"), which means its first GPU or otherwise its first device; or a case-insensitive
-// part of the platform, vendor or device name. "cuda:" or "opencl:" before a type or name restricts the
-// search to that back end. An empty request uses the environment variable UBS_DEVICE if it is set, otherwise
-// the first GPU, otherwise the first device. Throws Error(device) with a list of the devices if nothing
-// matches.
+// Returns the index of the device that `request` selects. A request is one of these:
+//   an index in the list, for example "0"
+//   a type: "cpu", "gpu" or "accelerator"
+//   a back end: "cuda" or "opencl" selects its first GPU, or its first device if it has no GPU
+//   a part of the name of the platform, the vendor or the device, in upper or lower case
+// "cuda:" or "opencl:" before an index, a type or a name restricts the search to this back end. If the
+// request is empty, the environment variable UBS_DEVICE is used as the request. If it is not set either, the
+// first GPU is selected, or the first device if there is no GPU. Throws Error(device) with a list of the
+// devices if no device matches.
 std::size_t choose_device(const std::vector<DeviceInfo>& devices, const std::string& request);
-// Returns a list that starts with the index that choose_device() returns. If neither the request nor
-// UBS_DEVICE names a device, the list also contains the devices to try if that device cannot be used.
+// Returns a list of indices that starts with the index that choose_device() returns. If neither the request
+// nor UBS_DEVICE selects a device, the list also contains all other devices, which callers try if the first
+// one cannot be used.
 std::vector<std::size_t> device_candidates(const std::vector<DeviceInfo>& devices,
                                            const std::string& request);
 
 std::unique_ptr<Device> open_device(std::size_t index);
 std::unique_ptr<Device> open_device(const std::string& request = "");
 
-// After this call, ubs starts no processes and catches no signals on behalf of drivers. It is for use inside
-// programs other than ubs.
+// After this call, ubs does not start processes and does not catch signals to detect failures of drivers. The
+// library calls this function, because it must not do either inside of other programs.
 void leave_drivers_alone();
 
-// Lets drivers store compiled kernels in kernel_cache_folder() (host/base/cache_folder.hpp). Some drivers
-// read the folder only from the environment; `set` is called for them when devices are listed for the first
-// time. Only an executable may call this function, never the library, because the environment belongs to the
-// whole process.
+// Makes drivers store compiled kernels in kernel_cache_folder() (host/base/cache_folder.hpp). Some drivers
+// only read the folder from environment variables. For these drivers, `set` is called to set the variables
+// when devices are listed for the first time. Only the executable may call this function, and not the
+// library, because the environment belongs to the whole process.
 void keep_driver_caches(SetVariable set);
 
-// A back end. Tests register one that is not built in; its devices are last in the list.
+// Backend provides the devices of a back end. Tests register additional back ends, whose devices are at the
+// end of the list.
 struct Backend {
   std::function<std::vector<DeviceInfo>()> list_devices;
   std::function<std::unique_ptr<Device>(std::size_t)> open_device;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Sizes of buffers that depend on the kernels of a device. The stages allocate them, and the memory estimate
-// uses them.
+// This file defines the sizes of buffers that depend on the kernels of a device. The stages use these sizes
+// to allocate the buffers, and the memory estimate uses them too.
 #pragma once
 
 #include <cstdint>
@@ -10,32 +10,34 @@
 
 namespace ubs::stage_sizes {
 
-// On CPUs, scans and sorts process their elements in chunks. It takes longer to launch a chunk below this
-// size than to sum it (2 cores, PoCL: 1.5 us per launch, 1 ns per element).
+// On CPUs, scans and sorts process their elements in chunks. Smaller chunks would take less time to process
+// than to launch: on 2 cores with PoCL, a launch takes 1.5 us, and summing takes 1 ns per element.
 inline constexpr std::uint64_t kSmallestChunk = 4096;
-inline constexpr std::uint64_t kChunksPerCore = 4;  // several, for balance if cores are busy with other work
+inline constexpr std::uint64_t kChunksPerCore = 4;  // several, so that idle cores can process more of them
 inline constexpr std::uint64_t kMaxChunks = 256;
-inline constexpr std::uint64_t kMaxBins = std::uint64_t{16} << 20;  // (chunk, bin) histogram: 64 MiB
+// Maximum number of chunks times bins, which limits the histograms of all chunks to 64 MiB.
+inline constexpr std::uint64_t kMaxBins = std::uint64_t{16} << 20;
 
-// Depths are sorted by digits of kDigitOfFew bits, or of kDigitOfMany bits if there are at least kManySplats
-// splats (measured: host/opencl/lists.cpp).
+// On CPUs, depths are sorted by digits of kDigitOfFew bits, or of kDigitOfMany bits if there are at least
+// kManySplats splats. The comments in host/opencl/lists.cpp explain these numbers.
 inline constexpr std::uint64_t kManySplats = std::uint64_t{1} << 20;
 inline constexpr std::uint32_t kDigitOfFew = 12, kDigitOfMany = 8;
 
-// GPUs: number of elements per work-group, and number of bits per digit.
-inline constexpr std::uint32_t kGroupBlock = 2048;  // kRadixBlock
-inline constexpr std::uint32_t kRadixBits = 8;      // there is one bin per work-item of a group
+// On GPUs, a work-group sorts kGroupBlock elements by digits of kRadixBits bits.
+inline constexpr std::uint32_t kGroupBlock = 2048;  // kRadixBlock of the kernels
+inline constexpr std::uint32_t kRadixBits = 8;      // a work-group has one work-item for each of the 2^8 bins
 
-// Maps of the loss have a margin of zeros: kMapMargin columns, 21 of them on the left, and as many rows above
-// and below as the radius of the window.
+// The maps of the loss have a margin of zeros. It has kMapMargin columns, of which 21 are on the left, and
+// kLossRadius rows (the radius of the window) above and below the image.
 inline constexpr int kMapMargin = 48, kLossRadius = 5;
 inline constexpr std::uint64_t kLossTileRows = 16;  // kernels/gpu/loss.cl
-// CPUs: for images with up to this number of pixels, all channels are processed in one launch (measured:
-// host/opencl/image_loss.cpp).
+// On CPUs, all channels of an image with at most this number of pixels are processed in one launch. The
+// comments in host/opencl/image_loss.cpp explain this number.
 inline constexpr std::uint64_t kSmallImage = std::uint64_t{1} << 16;
 
-// GPUs process lists in segments (kernels/gpu/list_segments.h). These functions return the range of segment
-// numbers, and the number of floats for the states of pixels in front of the segments.
+// GPUs process lists in segments (kernels/gpu/list_segments.h). The numbers of segments are below
+// list_segments(), and some of these numbers have no segment. list_state_floats() returns the number of
+// floats for the states of the pixels in front of each segment.
 constexpr std::uint64_t list_segments(std::uint64_t tiles, std::uint64_t intersections) {
   return tiles + intersections / kListSegment;
 }
@@ -43,9 +45,9 @@ constexpr std::uint64_t list_state_floats(std::uint64_t intersections) {
   constexpr std::uint64_t kEach = 4 * kTileSide * kTileSide;
   return (intersections + kListSegment - 1) / kListSegment * kEach;
 }
-// GPUs render long lists in parts (kernels/gpu/list_parts.h). These functions return the number of floats
-// that a part stores, and the number of places for parts. The latter is 0 if no list can be long, or if the
-// device cannot allocate enough memory for them.
+// GPUs render long lists in parts (kernels/gpu/list_parts.h). list_part_floats() returns the number of floats
+// of the results of a part. list_parts() returns the number of places for such results. It is 0 if no list
+// can be long, or if the device cannot allocate enough memory for the places.
 constexpr std::uint64_t list_part_floats(bool depth) { return (depth ? 7 : 5) * kTileSide * kTileSide; }
 constexpr std::uint64_t list_parts(std::uint64_t intersections, bool depth,
                                    std::uint64_t max_allocation_bytes) {
@@ -54,7 +56,7 @@ constexpr std::uint64_t list_parts(std::uint64_t intersections, bool depth,
   return intersections > 2 * kListPart && fits ? parts : 0;
 }
 
-// Returns the number of floats of a gradient slot.
+// Returns the number of floats of a gradient slot, which stores the gradient of one intersection.
 constexpr unsigned slot_floats(RasterKind raster) {
   return raster == RasterKind::cpu ? kGradStride : kCardSlotStride;
 }

@@ -31,10 +31,10 @@ Json identity(const DeviceInfo& device) {
   return {{"device", device.name}, {"driver", device.driver}, {"platform", device.platform}};
 }
 
-// Returns why the file cannot be used, or an empty string if it can.
+// Returns the reason why a tuning file cannot be used for this device, or an empty string if it can be used.
 std::string defect(const Json& json, const DeviceInfo& device) {
   if (!json.is_object()) return "it is not a JSON object";
-  if (json.value("format", Json()) != Json(kFormat)) return "it has a different format";
+  if (json.value("format", Json()) != Json(kFormat)) return "it has another format version";
   const Json expected = identity(device);
   for (const auto& [key, value] : expected.items())
     if (json.value(key, Json()) != value) return fmt::format("it was written for another {}", key);
@@ -42,7 +42,7 @@ std::string defect(const Json& json, const DeviceInfo& device) {
   return "";
 }
 
-// Returns why a value cannot be used, or an empty string if it can.
+// Returns the reason why the value of a constant cannot be used, or an empty string if it can be used.
 std::string defect(TunedTable table, const std::string& macro, const Json& value) {
   const TunedConstant* constant = find_constant(table, macro);
   if (!constant) return "this constant does not exist";
@@ -50,7 +50,7 @@ std::string defect(TunedTable table, const std::string& macro, const Json& value
       (value == constant->standard ||
        std::ranges::count(constant->candidates, value.get<std::uint64_t>()) > 0))
     return "";
-  return fmt::format("the value {} is not one of its candidates", value.dump());
+  return fmt::format("the value {} is not supported", value.dump());
 }
 
 }  // namespace
@@ -83,17 +83,17 @@ TuningValues stored_tuning(const DeviceInfo& device, TunedTable table) {
   try {
     json = parse_own_json(read_text_file(file), file.string());
   } catch (const Error& failure) {
-    warn_once(fmt::format("tuning ignored: {}", failure.what()));
+    warn_once(fmt::format("ignoring the tuning file: {}", failure.what()));
     return values;
   }
   if (const std::string why = defect(json, device); !why.empty()) {
-    warn_once(
-        fmt::format("{}: tuning file ignored: {} ('ubs-lab tune' writes a new one)", file.string(), why));
+    warn_once(fmt::format("{}: ignoring this tuning file: {} ('ubs-lab tune' writes a new one)",
+                          file.string(), why));
     return values;
   }
   for (const auto& [macro, value] : json["values"].items()) {
     if (const std::string why = defect(table, macro, value); !why.empty())
-      warn_once(fmt::format("{}: '{}' ignored, {}", file.string(), macro, why));
+      warn_once(fmt::format("{}: ignoring '{}': {}", file.string(), macro, why));
     else
       values[macro] = value.get<unsigned>();
   }
@@ -109,8 +109,8 @@ TuningValues load_tuning(const DeviceInfo& device, TunedTable table) {
 void save_tuning(const DeviceInfo& device, TunedTable table, RasterKind raster, const TuningValues& values) {
   const fs::path file = tuning_file(device);
   if (file.empty())
-    fail(ErrorKind::data, "no folder for tuning files: set UBS_TUNING_DIR, XDG_CACHE_HOME or HOME");
-  TuningValues all = stored_tuning(device, table);  // also with UBS_TUNING=off
+    fail(ErrorKind::data, "there is no folder for tuning files: set UBS_TUNING_DIR, XDG_CACHE_HOME or HOME");
+  TuningValues all = stored_tuning(device, table);  // even if UBS_TUNING is "off"
   std::erase_if(all, [&](const auto& entry) { return find_constant(table, entry.first)->raster == raster; });
   all.insert(values.begin(), values.end());
   make_folders(file.parent_path());

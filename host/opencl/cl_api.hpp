@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The OpenCL C API in the version that ubs targets, owning handles, and error checks that report the failed
-// call. OpenCL 1.2 is the minimum; newer functions are used only if the device supports them.
+// This header includes the OpenCL C API in the version that ubs targets. It also declares handles that own
+// OpenCL objects, and error checks that report the failed call. ubs requires OpenCL 1.2 and uses newer
+// functions only if the device supports them.
 #pragma once
 
 #define CL_TARGET_OPENCL_VERSION 120
@@ -22,14 +23,16 @@ namespace ubs::opencl {
 // Returns the name of an error code, such as "CL_OUT_OF_RESOURCES" for -5.
 std::string error_name(cl_int code);
 
-// Throws Error(memory) or Error(device) with the name of the call. Must not be used in destructors.
+// Throws Error(memory) or Error(device) with the name of the call if `code` is not CL_SUCCESS. It must not be
+// used in destructors.
 void check(cl_int code, const char* call);
 
-// Returns a text from clGetDeviceInfo. Throws Error(device) if that fails.
+// Returns a text from clGetDeviceInfo(). Throws Error(device) if the call fails.
 std::string device_text(cl_device_id device, cl_device_info what);
-// Returns whether a list of names that are separated by blanks contains this one.
+// Returns whether `names`, a list of names that are separated by blanks, contains `name`.
 bool has_word(std::string_view names, std::string_view name);
 
+// Handle owns an OpenCL object and releases it in the destructor.
 template <typename T, cl_int (*release)(T)>
 struct Releaser {
   void operator()(T handle) const { release(handle); }

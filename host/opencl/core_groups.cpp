@@ -14,20 +14,21 @@
 namespace ubs::opencl {
 namespace {
 
-constexpr std::size_t kClaimStride = 16;  // kClaimStride of kernels/opencl/core_groups.h
+constexpr std::size_t kClaimStride = 16;  // the same as kClaimStride in kernels/opencl/core_groups.h
 
 #ifdef __x86_64__
-// Virtual machines may not support the instruction.
+// Returns whether the processor supports the instruction rdtscp. Some virtual machines do not.
 bool knows_rdtscp() {
   unsigned a = 0, b = 0, c = 0, d = 0;
   return __get_cpuid(0x80000001, &a, &b, &c, &d) && (d >> 27 & 1) != 0;
 }
 #endif
 
+// Returns the numbers of the cores that this process may use, or an empty list if they cannot be determined.
 std::vector<std::uint32_t> usable_cores() {
   cpu_set_t set;
   std::vector<std::uint32_t> cores;
-  if (sched_getaffinity(0, sizeof set, &set) != 0) return cores;  // more cores than the set can hold
+  if (sched_getaffinity(0, sizeof set, &set) != 0) return cores;  // there are too many cores for the set
   for (std::uint32_t core = 0; core < CPU_SETSIZE; ++core)
     if (CPU_ISSET(core, &set)) cores.push_back(core);
   return cores;

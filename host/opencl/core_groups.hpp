@@ -13,27 +13,27 @@
 
 namespace ubs::opencl {
 
-constexpr std::size_t kCoreGroupItems = 16;  // UBS_CORE_GROUP_ITEMS
+constexpr std::size_t kCoreGroupItems = 16;  // the default of UBS_CORE_GROUP_ITEMS in the kernels
 
 // Returns the number of cores if the device supports such kernels, which is the case for PoCL on an x86 CPU
-// with more than one core. Its kernels run in this process and can determine which core they run on. Returns
-// 0 for all other devices.
+// with more than one core. The kernels of PoCL run in this process and can determine which core they run on.
+// Returns 0 for all other devices.
 std::uint32_t cores_for_groups(const OpenclDevice& device);
 
-// Returns the value of UBS_CORE_SHARES, the share of each core: "0,0,1" means share 0 for core 0 and share 1
-// for core 2. cores: the cores that the process may use, in ascending order. Returns an empty string if the
-// remainders of their numbers modulo `shares` already differ, because the kernels use the remainders by
-// default.
+// Returns the value of UBS_CORE_SHARES, which contains the share of each core. For example, "0,0,1" means
+// that core 0 has share 0 and core 2 has share 1. `cores` contains the numbers of the cores that the process
+// may use, in ascending order. By default, the kernels use the remainder of the number modulo `shares` as the
+// share. Therefore the result is empty if these remainders already distribute the cores over all shares.
 std::string core_shares(std::span<const std::uint32_t> cores, std::uint32_t shares);
 
-// Launches the kernels of a stage in groups of one work-item. With 0 cores, the driver distributes the
-// groups.
+// CoreGroups launches the kernels of a stage in groups of one work-item. If `cores` is 0, the driver
+// distributes the groups.
 class CoreGroups {
  public:
   CoreGroups(OpenclDevice& device, std::uint32_t cores) : device_(device), cores_(cores) {}
 
   explicit operator bool() const { return cores_ > 0; }
-  // Returns the program for such kernels.
+  // Returns `spec` with the sources and options that such kernels need.
   ProgramSpec program(ProgramSpec spec) const;
 
   template <typename... Parameters, typename... Args>
@@ -47,7 +47,7 @@ class CoreGroups {
     if (groups == 0) return;  // an empty launch would not prepare the claims of the next one
     const Claims claims = next_claims();
     kernel(Range{groups}, Range{1}, args..., claims.now, claims.next);
-    ++launches_;  // not reached after a failed launch, which has not prepared the next claims
+    ++launches_;  // skipped if the launch throws, because then the next claims are not prepared
   }
 
  private:

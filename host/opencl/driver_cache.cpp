@@ -29,9 +29,9 @@ namespace {
 namespace fs = std::filesystem;
 using namespace std::chrono_literals;
 
-constexpr auto kTemporaryAge = 10min;
-constexpr auto kTidyEvery = 24h;
-constexpr auto kUnusedAge = 90 * 24h;
+constexpr auto kTemporaryAge = 10min;  // temporary files are removed after this time
+constexpr auto kTidyEvery = 24h;       // unused programs are searched this often
+constexpr auto kUnusedAge = 90 * 24h;  // unused programs are removed after this time
 
 // Returns the time since the last change, or zero if the file does not exist.
 fs::file_time_type::duration age(const fs::path& file) {
@@ -48,8 +48,9 @@ std::vector<fs::path> entries_of(const fs::path& folder) {
   return entries;
 }
 
-// Removes programs that have not been used for kUnusedAge, at most once per kTidyEvery. Programs are folders
-// two levels below. PoCL touches the file `last_accessed` in a program's folder whenever it uses the program.
+// Removes programs that have not been used for kUnusedAge. Does nothing if it was already called in the last
+// kTidyEvery. Programs are folders two levels below `folder`. PoCL touches the file `last_accessed` in the
+// folder of a program whenever it uses the program.
 void remove_unused(const fs::path& folder) {
   std::error_code ignored;
   const fs::path stamp = folder / "tidied";
@@ -60,8 +61,8 @@ void remove_unused(const fs::path& folder) {
       if (age(program / "last_accessed") > kUnusedAge) fs::remove_all(program, ignored);
 }
 
-// Stored information about a compiled file. If a file has the same size and time of change, and has been
-// checked since the machine was started, it is not checked again.
+// FileSum is the stored information about a compiled file. If a file has the same size and time of change,
+// and has been checked since the machine was started, it is not checked again.
 struct FileSum {
   std::uint32_t crc = 0;
   std::uint64_t size = 0;
@@ -87,8 +88,8 @@ std::int64_t boot_time() {
   return nanoseconds(now) - nanoseconds(up);
 }
 
-// Returns no sums if the list is missing or damaged. same_boot: whether it was written since the machine was
-// started.
+// Reads the list of check sums. Returns no sums if the list is missing or damaged. Sets `same_boot` to
+// whether the list was written since the machine was started.
 FileSums read_sums(const fs::path& folder, bool& same_boot) {
   std::string text;
   std::error_code error;
@@ -125,8 +126,8 @@ void write_sums(const fs::path& folder, const FileSums& sums) {
   fs::rename(temporary, folder / kSums, ignored);
 }
 
-// Returns the compiled files, which are in the folders of programs, two levels below. PoCL renames a file to
-// its final name when it is complete, and does not change it afterwards.
+// Returns the compiled files. They are in the folders of programs, two levels below `folder`. PoCL gives a
+// file its final name when it is complete, and does not change it afterwards.
 std::vector<fs::path> compiled_files(const fs::path& folder) {
   std::vector<fs::path> files;
   for (const fs::path& group : entries_of(folder))
@@ -139,9 +140,10 @@ std::vector<fs::path> compiled_files(const fs::path& folder) {
   return files;
 }
 
-// Compares the files with their stored check sums, and stores the current ones. heal: remove the programs of
-// damaged files. Returns the number of removed programs. A file without a stored check sum is accepted if it
-// was written since the machine was started. Otherwise a power failure may have left it incomplete.
+// Compares the files with their stored check sums, and stores the current check sums. If `heal` is true,
+// removes the programs of damaged files. Returns the number of removed programs. A file without a stored
+// check sum is accepted if it was written since the machine was started. Otherwise a power failure may have
+// left it incomplete.
 std::size_t check_sums(const fs::path& folder, bool heal) {
   bool same_boot = false, news = false;
   const FileSums known = read_sums(folder, same_boot);
@@ -191,7 +193,8 @@ std::size_t checked_sums(const fs::path& folder, bool heal) noexcept {
   }
 }
 
-// A folder that cannot be created. PoCL then reports no device, and does not choose a folder by itself.
+// A folder that cannot be created. If this folder is set, PoCL reports no device, and does not choose a
+// folder by itself.
 const fs::path kNoFolder = "/dev/null/ubs";
 constexpr const char* kFolderVariables[] = {"POCL_CACHE_DIR", "XDG_CACHE_HOME", "HOME"};
 

@@ -25,8 +25,8 @@ pthread_t caller;  // the thread that calls drivers
 struct sigaction before = {};
 
 // Returns the errno with which writing to PoCL's cache fails, or 0 if it succeeds or there is no cache. This
-// and the following functions use neither locks nor the heap, because the driver may have left either in any
-// state.
+// and the following functions use neither locks nor the heap, because the driver may have left both in an
+// inconsistent state.
 int cache_defect(const char* folder) {
   char name[4096] = {};
   if (folder == nullptr ||
@@ -39,6 +39,7 @@ int cache_defect(const char* folder) {
   return reason;
 }
 
+// Prints an error message and ends the process with the exit code of `kind`.
 [[noreturn]] void end(const char* text, ErrorKind kind) {
   char line[1024];
   const auto size = static_cast<std::size_t>(std::snprintf(line, sizeof line, "ubs: error: %s\n", text));
@@ -47,6 +48,8 @@ int cache_defect(const char* folder) {
   ::_exit(exit_code(kind));
 }
 
+// Reports that the driver has ended the process while it processed `what`. `deed` says how, such as "has
+// aborted".
 [[noreturn]] void report(const char* what, const char* deed) {
   char text[1000];
   if (const MemoryRoom room = process_memory(); room.scarce()) {
@@ -71,8 +74,8 @@ int cache_defect(const char* folder) {
   end(text, ErrorKind::device);
 }
 
-// A thread other than `caller` that ends the program belongs to the driver, because threads of ubs never do
-// so.
+// Returns what the driver is processing, or null if the driver has not caused the end of the process. A
+// thread other than `caller` that ends the process belongs to the driver, because threads of ubs never do so.
 const char* driver_at_work() {
   if (const char* what = watched_now.load()) return what;
   return ::pthread_equal(caller, ::pthread_self()) ? nullptr : "in a thread of its own";
@@ -84,7 +87,8 @@ void aborted(int signal) {
   std::raise(signal);
 }
 
-// Registered with atexit(). During a call of the driver it only runs if the driver has called exit().
+// This function is registered with atexit(). During a call of the driver, it only runs if the driver has
+// called exit().
 void left() {
   if (const char* what = driver_at_work()) report(what, "has ended the program");
 }
@@ -93,7 +97,7 @@ void left() {
 
 void leave_drivers_alone() noexcept { watches = false; }
 
-// Installs the signal handler every time, because LLVM replaces it by its own one at its first use.
+// Installs the signal handler every time, because LLVM replaces it with its own handler at its first use.
 DriverWatch::DriverWatch(const std::string& what) noexcept : outer_(watched_now.load()) {
   if (!watches) return;
   struct sigaction ours = {}, found = {};

@@ -6,13 +6,13 @@
 namespace ubs::opencl {
 namespace {
 
-constexpr std::size_t kRow = 16;
+constexpr std::size_t kRow = 16;  // number of lanes that exchange values with each other
 
 }  // namespace
 
 Exchange exchange_kind(std::string_view extensions, std::string_view subgroup_language) {
   if (has_word(extensions, "cl_khr_subgroup_shuffle") && !subgroup_language.empty()) return Exchange::khr;
-  // Only NVIDIA's and AMD's own drivers have these extensions; their compilers know the instructions.
+  // Only the drivers of NVIDIA and AMD have these extensions. Their compilers support the instructions.
   if (has_word(extensions, "cl_nv_device_attribute_query")) return Exchange::nvidia;
   if (has_word(extensions, "cl_amd_device_attribute_query")) return Exchange::amd;
   return Exchange::none;
@@ -30,7 +30,7 @@ Options exchange_options(const OpenclDevice& device, Exchange kind) {
 }
 
 std::string fault_of_rows(const Kernel& kernel, Exchange kind, Range group) {
-  if (kind != Exchange::khr) return "";  // these devices have waves of 32 or 64
+  if (kind != Exchange::khr) return "";  // these devices have waves of 32 or 64 lanes
   const std::size_t size = kernel.sub_group_size(group);
   if (size == 0) return "the driver does not report the size of sub-groups";
   return size % kRow == 0

@@ -12,9 +12,9 @@ namespace {
 
 using Parameters = std::unordered_map<std::string, std::size_t>;
 
-// CPUs: products are divided into blocks of the inner dimension and of the columns that fit into a core's
-// cache. A product of 512 x 256 x 4608 as a whole reached 51 GFLOP/s; in blocks it reached 115 to 150 (two
-// cores with AVX-512).
+// On CPUs, products are divided into blocks of the inner dimension and of the columns, so that a block fits
+// into the cache of a core. On two cores with AVX-512, a product of 512 x 256 x 4608 in blocks reached 115 to
+// 150 GFLOP/s, compared with 51 GFLOP/s without blocks.
 constexpr int kInnerBlock = 1152;
 constexpr int kBlockFloats = 1 << 18, kMinColumns = 256;
 
@@ -23,11 +23,12 @@ void check_blast(clblast::StatusCode code, const char* call) {
     fail(ErrorKind::device, "{} failed with CLBlast status {}", call, static_cast<int>(code));
 }
 
-// Sets the constants of CLBlast for CPUs. CLBlast has tuned constants for GPUs. Its defaults for other
-// devices share tiles through local memory and reach 8 GFLOP/s on PoCL (two cores with AVX-512, with other
-// load). If each work-item computes 4 x 4 vectors in registers and uses no local memory, a product of 64 x
-// 1024 x 576 reaches 149 GFLOP/s, and 37 with the inner loop unrolled by 2. Only CLBlast's kernel for large
-// products has these constants, so it is used for small products as well.
+// Sets the constants of CLBlast for CPUs. CLBlast contains tuned constants for GPUs. With its defaults for
+// other devices, work-items share tiles through local memory, which reaches only 8 GFLOP/s on PoCL. With the
+// constants below, each work-item computes 4 x 4 vectors in registers and uses no local memory. A product of
+// 64 x 1024 x 576 then reaches 149 GFLOP/s on two cores with AVX-512. (It reaches only 37 GFLOP/s if the
+// inner loop is unrolled by 2.) Only CLBlast's kernel for large products has these constants, so this kernel
+// is used for small products as well.
 void tune_for_cpu(const OpenclDevice& device) {
   const std::size_t lanes = device.vector_width();
   const Parameters product{{"GEMMK", 0}, {"MWG", 4 * lanes}, {"NWG", 4},   {"KWG", 8},
@@ -49,7 +50,7 @@ Gemm::Gemm(OpenclDevice& device) : device_(device) {
   if (device.info().type == DeviceType::cpu && device.vector_width() > 1) tune_for_cpu(device);
 }
 
-// CLBlast caches the programs of a context, and thereby keeps the context, until the cache is cleared.
+// CLBlast caches the programs of a context. The context therefore exists until the cache is cleared.
 Gemm::~Gemm() { clblast::ClearCache(); }
 
 std::vector<Gemm::Block> Gemm::blocks(const MatrixProduct& p) const {
@@ -65,7 +66,8 @@ std::vector<Gemm::Block> Gemm::blocks(const MatrixProduct& p) const {
 
 namespace {
 
-struct Layout {  // position of a block in the three matrices
+// Sizes and position of a block in the three matrices.
+struct Layout {
   std::size_t rows, columns, inner, a_offset, a_pitch, b_offset, b_pitch, c_offset, c_pitch;
 };
 

@@ -14,7 +14,7 @@ class Gemm {
   Gemm(const Gemm&) = delete;
   Gemm& operator=(const Gemm&) = delete;
   void operator()(const MatrixProduct& product);
-  // Returns the size of the buffer in which a product keeps padded copies of its factors.
+  // Returns the size of the scratch buffer for padded copies of the factors [bytes].
   std::size_t scratch_bytes(const MatrixProduct& product) const;
 
  private:

@@ -16,7 +16,9 @@ namespace ubs::opencl {
 namespace {
 
 constexpr std::size_t kHugePage = std::size_t{2} << 20;
-constexpr std::size_t kLeast = kHugePage / 2;  // rounding up then adds less than the size of the buffer
+// Minimum size of a buffer in huge pages. With this minimum, rounding the size up to whole pages at most
+// doubles it.
+constexpr std::size_t kLeast = kHugePage / 2;
 
 bool wanted() { return environment("UBS_HUGE_PAGES") != "0"; }
 
@@ -29,7 +31,7 @@ MemHandle make_in_huge_pages(cl_context context, std::size_t bytes) {
   const std::size_t room = (bytes + kHugePage - 1) / kHugePage * kHugePage;
   void* pages = std::aligned_alloc(kHugePage, room);
   if (!pages) return {};
-  madvise(pages, room, MADV_HUGEPAGE);  // only a hint: with small pages the buffer works as well, but slower
+  madvise(pages, room, MADV_HUGEPAGE);  // a hint: with small pages, the buffer works too, but slower
   cl_int code = CL_SUCCESS;
   MemHandle memory(clCreateBuffer(context, CL_MEM_READ_WRITE | CL_MEM_USE_HOST_PTR, bytes, pages, &code));
   if (code == CL_SUCCESS) code = clSetMemObjectDestructorCallback(memory.get(), free_pages, pages);

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// ImageLossKernels runs the stage ImageLoss on OpenCL: the L1 + SSIM loss of an image against its target, and
-// the gradient, in two passes over tiles (kernels/gpu/loss.cl). It allocates three float planes as scratch
-// memory for each channel of a launch.
+// ImageLossKernels runs the stage ImageLoss on OpenCL devices. It computes the L1 + SSIM loss of an image
+// against its target, and the gradient of the loss, in two passes over tiles (kernels/gpu/loss.cl). For each
+// channel of a launch, it allocates three float planes as scratch memory.
 #pragma once
 
 #include "host/opencl/core_groups.hpp"
@@ -29,7 +29,7 @@ class ImageLossKernels {
   KernelSet& kernels(const ImageLoss& loss);
 
   CoreGroups core_groups_;
-  KernelSet whole_, masked_;  // built for the first image and the first mask
+  KernelSet whole_, masked_;  // without and with a mask; each is built at its first use
   ImageShape shape_;          // the shape for which the margins of maps_ are zero
   Buffer<float> maps_, tile_sums_;
 };

@@ -19,8 +19,9 @@ Kernel::Kernel(OpenclDevice& device, cl_program program, std::string name)
         "clGetKernelInfo");
 }
 
-// Called only after a launch has failed, because the reported limits are not reliable: rusticl 22.3 reports
-// 32 work-items and twice the local memory for kernels that it runs in groups of 256.
+// This function is called only after a launch has failed, because the reported limits are not reliable. For
+// example, for kernels that rusticl 22.3 can run in groups of 256, it reports a limit of 32 work-items and
+// twice the local memory that they need.
 void Kernel::check_group(std::size_t items, cl_int code) const {
   std::size_t most = items;
   cl_ulong needed = 0, available = 0;
@@ -62,7 +63,7 @@ void Kernel::check_types(std::span<const ParameterType> declared) const {
     clGetKernelArgInfo(kernel_.get(), index, CL_KERNEL_ARG_TYPE_QUALIFIER, sizeof qualifier, &qualifier,
                        nullptr);
     std::string compiled = text, wanted(type.name);
-    std::erase_if(compiled, [](char c) { return c >= '0' && c <= '9'; });  // uint2* counts as uint*
+    std::erase_if(compiled, [](char c) { return c >= '0' && c <= '9'; });  // compare uint2* as uint*
     if (compiled.starts_with("real")) compiled.replace(0, 4, "float");
     if (type.pointer) wanted += '*';
     const bool constant = (qualifier & CL_KERNEL_ARG_TYPE_CONST) != 0;
@@ -83,12 +84,12 @@ void Kernel::check_types(std::span<const ParameterType> declared) const {
 void Kernel::set_bytes(cl_uint index, std::size_t bytes, const void* value) {
   const cl_int code = clSetKernelArg(kernel_.get(), index, bytes, value);
   if (code != CL_SUCCESS)
-    fail(ErrorKind::internal, "kernel '{}', argument {} of {} bytes: {}", name_, index, bytes,
-         error_name(code));
+    fail(ErrorKind::internal, "kernel '{}': setting argument {} of {} bytes failed with {}", name_, index,
+         bytes, error_name(code));
 }
 
 std::size_t Kernel::sub_group_size(Range group) const {
-  // Headers for OpenCL 1.2 have neither the function of OpenCL 2.1 nor that of cl_khr_subgroups.
+  // Headers for OpenCL 1.2 declare neither the function of OpenCL 2.1 nor that of cl_khr_subgroups.
   using Query = cl_int(CL_API_CALL*)(cl_kernel, cl_device_id, cl_uint, std::size_t, const void*, std::size_t,
                                      void*, std::size_t*);
   constexpr cl_uint kSizeForRange =
@@ -101,7 +102,8 @@ std::size_t Kernel::sub_group_size(Range group) const {
                                          sizeof size, &size, nullptr) == CL_SUCCESS;
     return answered ? size : 0;
   };
-  // For older drivers the loader may call this function through a table that ends before its entry.
+  // Do not call the function for older drivers: the loader would call it through the driver's function table,
+  // which may end before this entry.
   if (device_->info().version >= "OpenCL 2.1")
     if (const std::size_t size = ask(dlsym(RTLD_DEFAULT, "clGetKernelSubGroupInfo"))) return size;
   cl_platform_id platform = nullptr;
@@ -118,7 +120,7 @@ void Kernel::launch(Range global, Range local) {
   const std::size_t sizes[3] = {global.x, global.y, global.z};
   const std::size_t groups[3] = {local.x, local.y, local.z};
   cl_event event = nullptr;
-  const cl_int code = watched(name_, [&] {  // drivers compile here
+  const cl_int code = watched(name_, [&] {  // at the first launch, drivers compile the kernel here
     return clEnqueueNDRangeKernel(device_->queue(), kernel_.get(), 3, nullptr, sizes, groups, 0, nullptr,
                                   device_->profiling() ? &event : nullptr);
   });

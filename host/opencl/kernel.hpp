@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Kernel launches a kernel of a built program with checked arguments.
+// Kernel launches a kernel of a built program and checks its arguments.
 #pragma once
 
 #include <cstdint>
@@ -16,15 +16,17 @@ namespace ubs::opencl {
 
 class OpenclDevice;
 
-// Group size of kernels over elements. With 16 work-items per group they lose half of the bandwidth on PoCL.
+// Number of work-items per group of kernels that process one element per work-item. With 16 work-items per
+// group, these kernels reach only half of the memory bandwidth on PoCL.
 constexpr std::size_t kFlatGroup = 64;
 
+// Range is the number of work-items in each direction.
 struct Range {
   std::size_t x = 1, y = 1, z = 1;
 };
 
-// A declared parameter, in the terms of clGetKernelArgInfo. For a vector type it has the type of its
-// elements.
+// ParameterType describes a declared parameter of a kernel in the terms of clGetKernelArgInfo(). For a vector
+// type, `name` is the type of its elements.
 struct ParameterType {
   std::string_view name;
   bool pointer, constant;
@@ -46,7 +48,7 @@ constexpr ParameterType parameter_type() {
   return {name, std::is_pointer_v<Parameter>, std::is_const_v<Pointee>, slots ? SlotViews::kMaxPieces : 1};
 }
 
-// A kernel of a built program. Launches are enqueued in order on the device's queue. Example:
+// Kernel is a kernel of a built program. Launches are enqueued in order on the device's queue. Example:
 //   kernel(Range{global}, Range{local}, records.view(), count);
 // Buffers are passed as BufferView<T> (an empty view is a null pointer), and scalars by value with exactly
 // the kernel's type. Global sizes must be multiples of local sizes. A launch with a global size of zero does
@@ -87,7 +89,7 @@ class Kernel {
 
   static cl_mem memory_of(Memory* memory);
   // Throws Error(device) if groups of the kernel cannot have this many work-items, or if the device has less
-  // local memory than the kernel needs. code: the error of the failed launch.
+  // local memory than the kernel needs. `code` is the error of the failed launch.
   void check_group(std::size_t items, cl_int code) const;
   void check_count(std::size_t given) const;
   void set_bytes(cl_uint index, std::size_t bytes, const void* value);
@@ -99,7 +101,8 @@ class Kernel {
   KernelHandle kernel_;
 };
 
-// True if an argument has the type that a kernel declares (host/opencl/kernels.hpp).
+// `fits` is true if an argument has the type of the parameter that a kernel declares
+// (host/opencl/kernels.hpp).
 template <typename Parameter, typename Argument>
 inline constexpr bool fits = std::is_same_v<Parameter, Argument>;
 template <typename T>
@@ -111,7 +114,7 @@ inline constexpr bool fits<SlotViews*, SlotViews> = true;
 template <>
 inline constexpr bool fits<const SlotViews*, SlotViews> = true;
 
-// A kernel that can only be launched with arguments of the types that it declares.
+// Launch is a kernel that can only be launched with arguments of the types that the kernel declares.
 template <typename... Parameters>
 struct Launch {
   Kernel& kernel;
@@ -123,12 +126,12 @@ struct Launch {
   }
   template <typename... Args>
   static constexpr void check() {
-    static_assert(sizeof...(Parameters) == sizeof...(Args), "number of kernel arguments");
-    static_assert((fits<Parameters, Args> && ...), "argument of another type than the kernel's parameter");
+    static_assert(sizeof...(Parameters) == sizeof...(Args), "wrong number of kernel arguments");
+    static_assert((fits<Parameters, Args> && ...), "an argument has the wrong type for its parameter");
   }
 };
 
-// Rounds up to a multiple, for global sizes.
+// Returns the smallest multiple of `multiple` that is at least `value`. It is used for global sizes.
 inline std::size_t round_up(std::size_t value, std::size_t multiple) {
   return (value + multiple - 1) / multiple * multiple;
 }

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// KernelSet contains the kernels of one program. Each is created at its first launch, because a driver then
-// only compiles kernels that are used.
+// KernelSet contains the kernels of one program. Each kernel is created at its first launch, so that the
+// driver only compiles kernels that are used.
 #pragma once
 
 #include <array>
@@ -37,7 +37,8 @@ class KernelSet {
   std::map<std::string, Kernel, std::less<>> kernels_;
 };
 
-// Launches kernels of kernels/map in one-dimensional groups. lanes: UBS_VW of the program.
+// MapKernels launches kernels of kernels/map in one-dimensional groups. `lanes` is the value of UBS_VW in the
+// program, which is the number of elements per work-item.
 class MapKernels {
  public:
   MapKernels(OpenclDevice& device, unsigned lanes, ProgramSpec spec)

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The kernels of the OpenCL back end with the types of their arguments, without the additional arguments of
-// core groups (core_groups.hpp). With UBS_SYNC=1 each kernel is compared with the result of the driver's
-// compiler.
+// This header declares the kernels of the OpenCL back end with the types of their arguments. The additional
+// arguments of core groups (core_groups.hpp) are not included. With UBS_SYNC=1, each declaration is compared
+// with the types that the compiler of the driver reports.
 #pragma once
 
 #include <array>
@@ -11,7 +11,8 @@
 
 namespace ubs::opencl {
 
-// In a kernel, gradient slots are the parameters UBS_SLOTS: eight buffers and a number.
+// The gradient slots of a kernel are the parameters that the macro UBS_SLOTS declares: eight buffers and a
+// number.
 using Slots = SlotViews;
 
 // ---- kernels/map ----
@@ -67,7 +68,8 @@ inline constexpr Declared<void(const In* in, u32 count, u32 block, const Sum* su
     "scan_write"};
 
 // ---- Tile lists by chunks ----
-using ChunkSums = std::array<u64, 4>;  // visible splats, their tiles, smallest and largest key
+// Number of visible splats of a chunk, number of their tiles, smallest key, largest key.
+using ChunkSums = std::array<u64, 4>;
 inline constexpr Declared<void(const u32* tile_counts, const u32* depth_keys, u32 count, u32 chunk, u32 bits,
                                ChunkSums* sums, u32* histogram)>
     kChunkSums{"count_sums"};

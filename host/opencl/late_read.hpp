@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Small copies to the host, in pinned memory, that the host reads later (Device::read_later).
+// LateRead is a small copy of device memory to pinned host memory, which the host reads later
+// (Device::read_later()).
 #pragma once
 
 #include <utility>
@@ -11,7 +12,8 @@
 
 namespace ubs::opencl {
 
-// Blocks of kBytes. A block is reused after its reader has been destroyed.
+// ReadBlocks contains unused blocks of pinned memory of kBytes each. A block is reused after the LateRead
+// that used it has been destroyed.
 class ReadBlocks {
  public:
   static constexpr std::size_t kBytes = 8192;
@@ -23,7 +25,7 @@ class ReadBlocks {
   std::vector<PinnedBlock> free_;
 };
 
-// A copy of at most ReadBlocks::kBytes.
+// The constructor starts a copy of at most ReadBlocks::kBytes bytes. wait() waits until it is complete.
 class LateRead final : public PendingRead {
  public:
   LateRead(ReadBlocks& blocks, cl_context context, cl_command_queue queue, cl_mem from, std::size_t offset,

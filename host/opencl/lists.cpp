@@ -15,7 +15,8 @@ namespace {
 
 constexpr std::uint32_t kKeyBits = 32;
 constexpr std::size_t kDigits = std::size_t{1} << stage_sizes::kRadixBits;
-// Below this size a single work-item scans a histogram. That takes at most 10 us and saves one launch.
+// If a histogram has at most this many entries, a single work-item scans it. This takes at most 10 us and
+// saves one launch.
 constexpr std::size_t kSmallHistogram = std::size_t{1} << 17;
 constexpr std::uint32_t kColumnBlock = 512;  // columns of a histogram that a work-item scans
 
@@ -30,10 +31,12 @@ constexpr std::uint32_t kColumnBlock = 512;  // columns of a histogram that a wo
 //     300K splats        2.0    2.1    1.8    1.9
 //
 // With 1M splats, 8 and 12 bits are equally fast. With 3M splats, the lists take 40 ms with 8 bits and 43 ms
-// with 12 bits, because 4096 open cache lines and pages are too many.
+// with 12 bits. A pass with 12 bits writes to 4096 places at the same time, which need too many cache lines
+// and pages.
 struct Digits {
-  std::uint32_t first, widest;  // bits of the first digit; maximum bits of each further digit
+  std::uint32_t first, widest;  // number of bits of the first digit, and maximum for each further digit
 };
+// kOfFew is used for fewer than kManySplats splats, and kOfMany for more.
 constexpr Digits kOfFew{stage_sizes::kDigitOfFew, 13},
     kOfMany{stage_sizes::kDigitOfMany, stage_sizes::kDigitOfMany};
 
@@ -85,7 +88,7 @@ void Lists::run(const BuildLists& lists) {
   if (lists.totals.intersections > UINT32_MAX || lists.totals.visible > lists.count ||
       lists.shape.tiles() < 1)
     fail(ErrorKind::internal,
-         "tile lists: {} intersections of {} visible splats (of {}) with {} tiles are not supported",
+         "tile lists: {} intersections, {} visible splats of {} splats and {} tiles are not supported",
          lists.totals.intersections, lists.totals.visible, lists.count, lists.shape.tiles());
   const auto drawn = static_cast<std::uint32_t>(lists.totals.visible);
   const auto pairs = static_cast<std::uint32_t>(lists.totals.intersections);
@@ -97,10 +100,10 @@ void Lists::run(const BuildLists& lists) {
     place_by_groups(job, depth_order_by_groups(job));
 }
 
-// ---- CPUs: chunks -------------------------------------------------------------------------------
+// ---- CPUs (by chunks) -------------------------------------------------------------------------------
 
-// The first digit is taken from the key itself, so that its pass does not depend on the smallest and the
-// largest key and can run while the host waits for these.
+// The first digit consists of the lowest bits of the key itself. Its pass does not depend on the smallest and
+// the largest key, so it can run while the host waits for these two keys.
 ListTotals Lists::count_by_chunks(const CountLists& lists) {
   const bool waits = lists.totals.size == 0;
   const Blocks blocks = scan_.blocks(lists.count);
@@ -141,9 +144,9 @@ ListTotals Lists::add_sums(std::span<const std::byte> chunks) {
   return totals;
 }
 
-// Makes the passes after the first one. They sort by the bits above the first digit in which the keys differ.
-// The bits are relative to a `base` in which the bits of the first digit are 0, so that this digit is the
-// same for key and key - base.
+// Enqueues the passes after the first one. They sort by the bits above the first digit in which the keys
+// differ. These bits are taken from key - base. The bits of the first digit are 0 in `base`, so that `key`
+// and key - base have the same first digit.
 BufferView<std::uint32_t> Lists::depth_order_by_chunks(const Job& job) {
   const std::uint32_t most = job.drawn.most, top = first_bits_;
   const std::uint32_t base = least_ >> top << top;
@@ -178,8 +181,8 @@ void Lists::place_by_chunks(const Job& job, BufferView<std::uint32_t> order) {
   const BuildLists& lists = job.lists;
   const auto tiles = static_cast<std::uint32_t>(lists.shape.tiles());
   const auto tiles_x = static_cast<std::uint32_t>(lists.shape.tiles_x());
-  // Clearing a row of the histogram only pays off if a chunk has at least as many intersections as the row
-  // has tiles.
+  // Each chunk clears a row of the histogram, which has an entry for each tile. This is worthwhile only if a
+  // chunk has at least as many intersections as there are tiles.
   const std::size_t cores = device_.info().compute_units;
   const std::size_t most =
       std::min({most_chunks(device_.info()), static_cast<std::size_t>(stage_sizes::kMaxBins / tiles),
@@ -194,8 +197,8 @@ void Lists::place_by_chunks(const Job& job, BufferView<std::uint32_t> order) {
                       lists.tile_ranges, lists.sorted_ids, lists.sorted_slots);
 }
 
-// Replaces each entry (chunk, bin) of histogram_ by its place relative to the start of the bin, and writes
-// the start of each bin to `starts` (bins + 1).
+// Replaces each entry (chunk, bin) of histogram_ by the position of its first element relative to the start
+// of the bin, and writes the start of each bin to `starts` (bins + 1 values).
 void Lists::scan_columns(std::size_t chunks, std::uint32_t bins, BufferView<std::uint32_t> starts) {
   if (chunks * bins <= kSmallHistogram) {
     kernels_[kColumnStarts](Range{1}, Range{1}, histogram_.view(), static_cast<std::uint32_t>(chunks), bins,
@@ -207,10 +210,10 @@ void Lists::scan_columns(std::size_t chunks, std::uint32_t bins, BufferView<std:
   scan_.exclusive(starts, starts, bins);
 }
 
-// ---- GPUs: groups -------------------------------------------------------------------------------
+// ---- GPUs (by groups) -------------------------------------------------------------------------------
 
-// The kernels are also the first pass of the depth sort: they read each key where the projection has written
-// it, and leave out the splats that are not visible.
+// The kernels are also the first pass of the depth sort. They read the keys that the projection has written,
+// and skip splats that are not visible.
 ListTotals Lists::count_by_groups(const CountLists& lists) {
   const bool waits = lists.totals.size == 0;
   const Blocks blocks = group_blocks(lists.count);
@@ -261,7 +264,8 @@ void Lists::place_by_groups(const Job& job, BufferView<std::uint32_t> order) {
   Pairs to{scratch(tiles_b_, pairs), scratch(pair_ids_, pairs),
            lists.sorted_slots.size > 0 ? scratch(pair_slots_, pairs) : BufferView<std::uint32_t>{}};
   const auto bits = static_cast<std::uint32_t>(std::bit_width(tiles - 1));
-  // An even number of passes ends in the buffers it started in, an odd number in the other ones.
+  // After an even number of passes, the result is in the buffers that the first pass reads. After an odd
+  // number, it is in the other buffers.
   if ((bits + stage_sizes::kRadixBits - 1) / stage_sizes::kRadixBits % 2 == 1) std::swap(from, to);
   const Blocks blocks = group_blocks(pairs);
   kernels_[kEmitIntersections](blocks.global(), blocks.group(), order, firsts, sums, areas.size,

@@ -2,11 +2,11 @@
 // Lists builds the tile lists (CountLists and BuildLists of host/device/stages.hpp). It sorts the visible
 // splats by depth, then distributes them over the tiles with a stable pass, so that every list is ordered by
 // (depth, index).
-// With RasterKind::cpu one work-item processes a chunk of elements, and a counting pass sorts by tile. With
-// RasterKind::gpu work-groups with local memory write the intersections, and a radix sort sorts them by tile.
-// In both cases CountLists already starts the depth sort. The results are bit-identical. Only CountLists
-// waits for the device. It does not wait if the totals stay on the device; then buffers and launches are
-// sized for upper bounds, and the kernels read the actual numbers.
+// With RasterKind::cpu, one work-item processes a chunk of elements, and a counting sort sorts by tile. With
+// RasterKind::gpu, work-groups with local memory write the intersections, and a radix sort sorts them by
+// tile. Both give bit-identical results. In both cases, CountLists already starts the depth sort. Only
+// CountLists waits for the device. If the totals stay on the device, it does not wait either. Then buffers
+// and launches are sized for upper bounds, and the kernels read the actual numbers.
 #pragma once
 
 #include <array>
@@ -25,7 +25,8 @@ class Lists {
  public:
   Lists(OpenclDevice& device, const KernelConfig& config);
 
-  // Slot offsets wrap if the total exceeds 2^32 - 1; the total itself is exact.
+  // Slot offsets overflow if the number of intersections exceeds 2^32 - 1. The returned number itself is
+  // exact.
   ListTotals run(const CountLists& lists);
   // The tile_counts that were passed to CountLists must be the areas of tile_rects, which must all be inside
   // the image.
@@ -33,8 +34,8 @@ class Lists {
 
  private:
   using Words = Buffer<std::uint32_t>;
-  // A number of elements. Without `counted` it is `most`. With `counted` it is the value stored there, and
-  // `most` is an upper bound.
+  // ElementCount is a number of elements. If `counted` is empty, the number is `most`. Otherwise the number
+  // is the value in the buffer `counted`, and `most` is an upper bound.
   struct ElementCount {
     std::uint32_t most = 0;
     BufferView<std::uint32_t> counted = {};
@@ -62,7 +63,7 @@ class Lists {
   BufferView<std::uint32_t> depth_order_by_groups(const Job& job);
   void place_by_groups(const Job& job, BufferView<std::uint32_t> order);
   BufferView<std::uint32_t> scratch_histogram(const Blocks& blocks);
-  // has_histogram: the histogram has been computed already.
+  // Runs one pass of a radix sort. `has_histogram` is true if the histogram has already been computed.
   void radix_pass(const Pairs& from, const Pairs& to, const ElementCount& count, std::uint32_t shift,
                   bool has_histogram);
 
@@ -72,18 +73,18 @@ class Lists {
   KernelSet kernels_, radix_;
   Scan scan_;
   Buffer<std::uint64_t> sums_, totals_;
-  Words drawn_, pairs_;  // one element each; only used with upper bounds
+  Words drawn_, pairs_;  // the values of ElementCount::counted, one element each
   Words histogram_, starts_, ids_a_;
-  // The next three lines are for chunks only. CountLists writes the sums of the chunks to chunk_sums_, and
-  // (key, index) of the visible splats to counted_, sorted by the first digit of the key, which has
-  // first_bits_ bits. The later passes of the sort write to pairs_a_ and pairs_b_. least_ and largest_ are
-  // the range of the keys.
+  // Only the functions for chunks use the next three lines. CountLists writes the sums of the chunks to
+  // chunk_sums_. It writes the pairs (key, index) of the visible splats to counted_, sorted by the first
+  // digit of the key, which has first_bits_ bits. The later passes of the sort write to pairs_a_ and
+  // pairs_b_. least_ and largest_ are the smallest and the largest key.
   Buffer<ChunkSums> chunk_sums_;
   Buffer<std::uint64_t> counted_, pairs_a_, pairs_b_;
   std::uint32_t first_bits_ = 0, least_ = 0, largest_ = 0;
   Words keys_a_, keys_b_, ids_b_;                    // groups only
   Words digits_, area_sums_;                         // groups only
-  Words tiles_a_, tiles_b_, pair_ids_, pair_slots_;  // groups only, one element per intersection
+  Words tiles_a_, tiles_b_, pair_ids_, pair_slots_;  // groups only; one element per intersection
 };
 
 }  // namespace ubs::opencl

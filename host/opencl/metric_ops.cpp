@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The operations of image metrics on an OpenCL device, with kernels/map/network.cl, kernels/map/ssim_valid.cl
-// and CLBlast.
+// This file implements the operations of image metrics on an OpenCL device, with kernels/map/network.cl,
+// kernels/map/ssim_valid.cl and CLBlast.
 #include "host/device/map_metric_ops.hpp"
 #include "host/opencl/gemm.hpp"
 #include "host/opencl/kernel_set.hpp"
@@ -8,6 +8,7 @@
 namespace ubs::opencl {
 namespace {
 
+// Results of matrix_bytes() on CPUs and on GPUs.
 constexpr std::size_t kMatrixBytesCpu = std::size_t{4} << 20, kMatrixBytesGpu = std::size_t{64} << 20;
 
 class OpenclMetricOps final : public MapMetricOps<MapKernels> {

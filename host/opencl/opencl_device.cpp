@@ -50,8 +50,8 @@ OpenclMemory::OpenclMemory(OpenclDevice& device, std::string label, std::size_t 
     memory_.reset(clCreateBuffer(device.context(), CL_MEM_READ_WRITE, std::max<std::size_t>(bytes, 64),
                                  nullptr, &code));
   if (code != CL_SUCCESS)
-    fail(ErrorKind::memory, "buffer '{}' of {} MiB: {} ({} MiB in use)", this->label(), bytes >> 20,
-         error_name(code), device.allocated_bytes() >> 20);
+    fail(ErrorKind::memory, "allocation of buffer '{}' of {} MiB failed with {} ({} MiB in use)",
+         this->label(), bytes >> 20, error_name(code), device.allocated_bytes() >> 20);
   device_.account(this->label(), static_cast<std::int64_t>(bytes));
 }
 
@@ -83,7 +83,7 @@ OpenclDevice::OpenclDevice(cl_platform_id platform, cl_device_id device, DeviceI
   queue_ = make_queue();
 }
 
-// Waits, because staged writes may still be pending.
+// Waits for the queues, because staged writes may still be pending.
 OpenclDevice::~OpenclDevice() {
   if (queue_) clFinish(queue_.get());
   if (upload_queue_) clFinish(upload_queue_.get());
@@ -111,8 +111,8 @@ void OpenclDevice::write(Memory& to, std::size_t offset, std::span<const std::by
   record("write", event);
 }
 
-// Small writes are staged, because a blocking write would wait for everything before it in the queue. The
-// learning rates are written in every iteration.
+// Small writes, such as the learning rates of every iteration, are copied to a staging buffer first. A
+// blocking write would wait for all work before it in the queue.
 void OpenclDevice::write_staged(cl_mem to, std::size_t offset, std::span<const std::byte> from) {
   Staged& staged = staged_[next_staged_];
   next_staged_ = (next_staged_ + 1) % staged_.size();
@@ -171,7 +171,7 @@ void OpenclDevice::read(const Memory& from, std::size_t offset, std::span<std::b
   record("read", event);
 }
 
-// Only maps the memory on CPUs, because a GPU would copy it for the map.
+// Maps the memory only on CPUs, because a GPU would copy the memory to map it.
 void OpenclDevice::show(const Memory& from, std::size_t bytes, std::vector<std::byte>& room,
                         const std::function<void(std::span<const std::byte>)>& use) {
   if (info_.type != DeviceType::cpu || bytes == 0) return Device::show(from, bytes, room, use);
@@ -272,8 +272,9 @@ Kernel OpenclDevice::kernel(const ProgramSpec& spec, const std::string& name) {
   const auto is_language = [](const std::string& option) { return option.starts_with("-cl-std="); };
   if (std::ranges::none_of(options, is_language)) options.push_back("-cl-std=CL1.2");
   if (synchronous_) options.push_back("-cl-kernel-arg-info");  // for Kernel::check_types()
-  // PoCL's native functions are library functions. On Intel's CPU driver they are not single instructions,
-  // and have errors of 1e-6.
+  // In PoCL, the native functions are library functions. In Intel's CPU driver, native_exp2() and
+  // native_log2() have errors of 1e-6 and are not single instructions, so they are replaced by the exact
+  // functions.
   if (on_pocl_cpu_)
     options.push_back("-DUBS_POCL=1");
   else if (info_.type == DeviceType::cpu)

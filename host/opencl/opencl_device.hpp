@@ -15,9 +15,8 @@
 namespace ubs::opencl {
 
 // ProgramSpec describes a program. `sources` are names of embedded files relative to kernels/, in the order
-// of concatenation. dialect/dialect.h, variant.h, limits.h, layout.h, dialect/entry.h and math/elementary.h
-// always come first and are not named. `options` are "-DNAME=VALUE" and compiler flags. They are sorted, so
-// their order does not matter.
+// of concatenation. assemble() (sources.hpp) adds the headers that all programs need before them. `options`
+// are "-DNAME=VALUE" and compiler flags. They are sorted, so their order does not matter.
 struct ProgramSpec {
   std::vector<std::string> sources;
   std::vector<std::string> options;
@@ -25,14 +24,14 @@ struct ProgramSpec {
 
 class OpenclDevice;
 
-// Returns a program that is specialised for the splat's dimension (UBS_N), the variant, the math mode and the
-// vector width (UBS_VW).
+// Returns a program that is specialised for the number of dimensions of a splat (UBS_N), the variant, the
+// math mode and the vector width (UBS_VW).
 ProgramSpec splat_program(const OpenclDevice& device, const KernelConfig& config,
                           std::vector<std::string> sources);
-// Returns the option for correctly rounded divisions and square roots, if the device supports it, for the
-// projection and for Adam. By default OpenCL allows an error of 2.5 ulp in a division and of 3 ulp in a
-// square root, but the bounds in kernels/limits.h were determined with correct rounding. CPUs always round
-// correctly.
+// Returns the option for correctly rounded divisions and square roots, or no option if the device does not
+// support it. The projection and Adam use it. By default, OpenCL allows an error of 2.5 ulp in a division and
+// of 3 ulp in a square root, but the bounds in kernels/limits.h were determined with correct rounding. CPUs
+// always round correctly, so they do not need the option.
 Options exact_division_options(const OpenclDevice& device);
 
 class OpenclDevice final : public Device, public TunableDevice {
@@ -53,7 +52,7 @@ class OpenclDevice final : public Device, public TunableDevice {
   void copy_async(Memory& to, std::span<const std::byte> from) override;
   void join_uploads() override;
   void finish() override;
-  // Makes the driver start the enqueued work, even if it would otherwise wait for more of it.
+  // Makes the driver start the enqueued work, even if the driver would otherwise wait for more work.
   void flush() { check(clFlush(queue_.get()), "clFlush"); }
   void set_profiling(bool on) override;
   std::vector<TimerEntry> timings() const override;
@@ -67,8 +66,8 @@ class OpenclDevice final : public Device, public TunableDevice {
   TunedTable tuned_constants() const override;
   void set_tuning(TuningValues values) override { info_.tuning = std::move(values); }
 
-  // Return the names of all kernels that have been launched or prepared for a launch, and of all kernels in
-  // the programs that were built for them.
+  // created_kernels() returns the names of all kernels that have been launched or prepared for a launch.
+  // compiled_kernels() returns the names of all kernels in the programs that were built for these.
   std::set<std::string> created_kernels() const;
   std::set<std::string> compiled_kernels() const;
 
@@ -91,7 +90,7 @@ class OpenclDevice final : public Device, public TunableDevice {
 
  private:
   friend class OpenclMemory;
-  struct Staged {  // a pending write; its bytes must not change until its event has completed
+  struct Staged {  // a pending write; `block` must not change until `event` has completed
     PinnedBlock block;
     EventHandle event;
   };
@@ -112,7 +111,7 @@ class OpenclDevice final : public Device, public TunableDevice {
   std::size_t next_staged_ = 0;
   std::array<Staged, 2> uploads_;
   std::size_t next_upload_ = 0;
-  std::vector<cl_event> unjoined_;  // events of uploads_
+  std::vector<cl_event> unjoined_;  // events of uploads that join_uploads() has not yet joined
   ReadBlocks reads_;
   mutable std::vector<std::pair<std::string, EventHandle>> pending_;
   mutable std::map<std::string, TimerEntry> timings_;

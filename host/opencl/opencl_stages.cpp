@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The stage interface on an OpenCL device. Each operation is passed to the class that has its kernels.
+// This file implements the interface Stages on an OpenCL device. It passes each operation to the class that
+// launches the kernels of this operation.
 #include "host/device/map_stages.hpp"
 #include "host/device/parameter_stages.hpp"
 #include "host/opencl/image_loss.hpp"
@@ -20,7 +21,7 @@ unsigned lanes(const OpenclDevice& device, const KernelConfig& config) {
   return config.raster == RasterKind::gpu ? 1 : device.vector_width();
 }
 
-// UBS_COLOUR 3 means spherical harmonics up to degree 2.
+// UBS_COLOUR=3 selects spherical harmonics up to degree 2.
 ProgramSpec sky_program(unsigned width) {
   return {{"math/rotation.h", "math/colour.h", "map/row_sums.cl", "map/sky.h", "map/sky.cl"},
           {"-DUBS_VW=" + std::to_string(width), "-DUBS_COLOUR=3"}};
@@ -57,7 +58,7 @@ ProgramSpec draw_program(const KernelConfig& config) {
   return with_scan(std::move(draws), config, "uint", "ulong");
 }
 
-// Each operation is run by the class that has its kernels.
+// Kernels inherits run() for each operation from the class that launches its kernels.
 struct Kernels : Projection, Lists, Raster, ImageLossKernels, Appearance, Sky, ParameterChanges, Drawn {
   Kernels(OpenclDevice& device, const KernelConfig& config)
       : Projection(device, config),
@@ -93,8 +94,8 @@ bool is_any_of(const Operation& operation) {
   return (std::holds_alternative<T>(operation) || ...);
 }
 
-// Flushes the queue after stages that the host follows with other work, because some drivers only start
-// enqueued work when there is much of it, or when they are flushed.
+// OpenclStages flushes the queue after stages that are followed by other work of the host. Some drivers start
+// enqueued work only when there is much work, or when the queue is flushed.
 class OpenclStages final : public Stages {
  public:
   OpenclStages(OpenclDevice& device, const KernelConfig& config)

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Pinned host memory, which a device copies to and from by itself. With pageable memory some drivers return
-// from a copy only when it has finished, even if it is asynchronous.
+// PinnedBlock is a block of pinned host memory, which a device can read and write directly. With pageable
+// memory, some drivers return from an asynchronous copy only when the copy has finished.
 #pragma once
 
 #include <cstddef>
@@ -10,12 +10,13 @@
 
 namespace ubs::opencl {
 
-// A block that stays mapped as long as it exists. It must outlive all copies that use it. Can be moved but
-// not copied.
+// A block is mapped as long as it exists. It must outlive all copies that use it. It can be moved but not
+// copied.
 class PinnedBlock {
  public:
-  // read: the device writes and the host reads. write: the host writes and the device reads; the constructor
-  // then waits for all work in the queue, so that the host may write at once.
+  // With `read`, the device writes the block and the host reads it. With `write`, the host writes the block
+  // and the device reads it. Then the constructor waits for all work in the queue, so that the host may write
+  // immediately.
   enum class Use { read, write };
 
   PinnedBlock() = default;
@@ -29,7 +30,7 @@ class PinnedBlock {
     void operator()(std::byte* bytes) const {
       clEnqueueUnmapMemObject(queue.get(), memory.get(), bytes, 0, nullptr, nullptr);
     }
-    QueueHandle queue;  // the queue that it was mapped with
+    QueueHandle queue;  // the queue that mapped the block
     MemHandle memory;
   };
   std::unique_ptr<std::byte, Unmap> bytes_;

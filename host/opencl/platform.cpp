@@ -42,8 +42,8 @@ std::string language_features(cl_device_id device) {
   return names;
 }
 
-// Result of the extension cl_khr_pci_bus_info. Not all versions of the headers declare it and NVIDIA's
-// cl_nv_device_attribute_query.
+// PciBusInfo is the result of a query of the extension cl_khr_pci_bus_info. This type and the constants below
+// are declared here, because some versions of the OpenCL headers do not contain them.
 struct PciBusInfo {
   cl_uint domain, bus, device, function;
 };
@@ -53,7 +53,7 @@ std::string pci_text(const PciBusInfo& pci) {
   return fmt::format("{:04x}:{:02x}:{:02x}.{:x}", pci.domain, pci.bus, pci.device, pci.function);
 }
 
-// Returns for example "0000:1b:00.0", or an empty string if the driver does not report the address.
+// Returns the PCI address, such as "0000:1b:00.0", or an empty string if the driver does not report it.
 std::string pci_address(cl_device_id device, const std::string& extensions) {
   const auto get = [&](cl_device_info name, auto& value) {
     return clGetDeviceInfo(device, name, sizeof value, &value, nullptr) == CL_SUCCESS;
@@ -64,15 +64,15 @@ std::string pci_address(cl_device_id device, const std::string& extensions) {
   if (!has_word(extensions, "cl_nv_device_attribute_query") || !get(kPciBusNv, pci.bus) ||
       !get(kPciSlotNv, slot))
     return {};
-  get(kPciDomainNv, pci.domain);  // older drivers do not support it
+  get(kPciDomainNv, pci.domain);  // older drivers do not support this query
   pci.device = slot >> 3;
   pci.function = slot & 7;
   return pci_text(pci);
 }
 
-// The limits of a device for work-groups. The kernels for GPUs run in work-groups of 256 work-items, and the
-// largest kernel uses 28 KiB of local memory (gpu/raster_backward.cl). Devices with the full profile of
-// OpenCL have at least 32 KiB.
+// GroupLimits contains the limits of a device for work-groups. The kernels for GPUs run in work-groups of 256
+// work-items, and the largest kernel uses 28 KiB of local memory (gpu/raster_backward.cl). Devices with the
+// full profile of OpenCL have at least 32 KiB.
 struct GroupLimits {
   std::size_t items;
   std::uint64_t local_bytes;
@@ -103,13 +103,13 @@ DeviceInfo describe_device(const std::string& platform, cl_device_id device) {
   info.compute_units = device_value<cl_uint>(device, CL_DEVICE_MAX_COMPUTE_UNITS);
   info.has_double = device_value<cl_uint>(device, CL_DEVICE_PREFERRED_VECTOR_WIDTH_DOUBLE) > 0;
   if (info.type == DeviceType::cpu) {
-    // PoCL reports the width of the CPU's registers: 16 for AVX-512, 8 for AVX, 4 for SSE and NEON. A
-    // compiler that vectorises across work-items itself, such as llvmpipe's, reports 1; explicit vectors
-    // would produce four times the code there.
+    // PoCL reports the number of floats in a register of the CPU: 16 for AVX-512, 8 for AVX, 4 for SSE and
+    // NEON. Drivers whose compiler vectorises across work-items by itself, such as llvmpipe, report 1. With
+    // explicit vectors, the code of their kernels would be four times as long.
     const auto native = device_value<cl_uint>(device, CL_DEVICE_NATIVE_VECTOR_WIDTH_FLOAT);
     info.float_vector_width = native >= 16 ? 16 : native >= 8 ? 8 : native >= 2 ? 4 : 1;
   } else if (group_limits(device).too_small()) {
-    info.float_vector_width = 4;  // use the kernels for CPUs, whose groups are single work-items
+    info.float_vector_width = 4;  // use the kernels for CPUs, whose groups have a single work-item
   }
   const std::string extensions = device_text(device, CL_DEVICE_EXTENSIONS);
   info.pci = pci_address(device, extensions);
@@ -188,7 +188,7 @@ std::vector<Entry> entries() {
 
 std::string subgroup_language(std::string_view version, std::string_view extensions,
                               std::string_view features) {
-  // In 3.0 the sub-groups that 2.1 required became optional.
+  // OpenCL 2.1 requires sub-groups, but in OpenCL 3.0 they are optional.
   if (version.starts_with("OpenCL 3.")) return has_word(features, "__opencl_c_subgroups") ? "CL3.0" : "";
   if (version.starts_with("OpenCL 2.")) return has_word(extensions, "cl_khr_subgroups") ? "CL2.0" : "";
   return "";

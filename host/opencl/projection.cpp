@@ -8,7 +8,7 @@
 namespace ubs::opencl {
 namespace {
 
-constexpr std::size_t kCpuGroup = 16;
+constexpr std::size_t kCpuGroup = 16;  // work-items per group on CPUs
 
 std::string large_register_option(const OpenclDevice& device) {
   constexpr cl_device_info kIpVersion = 0x4250;  // CL_DEVICE_IP_VERSION_INTEL
@@ -47,9 +47,10 @@ ProgramSpec program(const OpenclDevice& device, const KernelConfig& config, Grad
 
 }  // namespace
 
-// The option exists from Xe-HP (version 12.50) on. The IP version contains ten bits of architecture, followed
-// by eight bits of release. Some drivers still use ten bits for the release; then the release read here is a
-// quarter of the actual one, so that the GPU seems older and does not get the option.
+// GPUs from Xe-HP (version 12.50) on support the option. The IP version contains ten bits for the
+// architecture, followed by eight bits for the release. Some drivers use ten bits for the release. Then the
+// release that is read here is a quarter of the actual one, so that the GPU appears to be older and does not
+// get the option.
 std::string large_register_option(std::string_view extensions, std::uint32_t ip_version) {
   const std::uint32_t architecture = ip_version >> 22, release = ip_version >> 14 & 0xff;
   const bool has = architecture > 12 || (architecture == 12 && release >= 50);

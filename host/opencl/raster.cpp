@@ -34,7 +34,7 @@ ProgramSpec raster_program(const OpenclDevice& device, const KernelConfig& confi
   return spec;
 }
 
-// Returns the program of the rasterisers. With a backward pass it includes the sum of slots.
+// Returns the program of the rasterisers. If there is a backward pass, the program includes the sum of slots.
 ProgramSpec view_program(const OpenclDevice& device, const KernelConfig& config, Exchange exchange,
                          bool pieces = false) {
   ProgramSpec spec = raster_program(device, config, exchange, pieces);
@@ -54,8 +54,8 @@ ProgramSpec weights_program(const OpenclDevice& device, KernelConfig config) {
   return spec;
 }
 
-// Returns the number of work-items per group of the sum. With core groups it is the number of splats per
-// group of the projection.
+// Returns the number of work-items per group of the sum of slots. With core groups, it is the number of
+// splats per group of the projection, unless it is tuned.
 std::size_t sum_group(const OpenclDevice& device, const KernelConfig& config, const CoreGroups& core_groups) {
   const TuningValues& tuning = device.info().tuning;
   if (!on_cpu(config)) return tuned_value(tuning, "UBS_SUM_GROUP_GPU");
@@ -63,7 +63,8 @@ std::size_t sum_group(const OpenclDevice& device, const KernelConfig& config, co
   return tuned_value(tuning, "UBS_SUM_GROUP", kCoreGroupItems * device.vector_width());
 }
 
-// Calls `then` with the arguments that come first in all kernels that use lists.
+// Calls `then` with the first arguments of the kernels of the rasterisers, which are the same for all of
+// them.
 template <typename Work, typename Then>
 void with_lists(const Work& work, const Then& then) {
   then(work.records, work.sorted_ids, work.sorted_slots, work.tile_ranges, work.shape.tiles_x(),
@@ -83,8 +84,9 @@ Raster::Raster(OpenclDevice& device, const KernelConfig& config)
       sum_group_(sum_group(device, config, core_groups_)),
       weights_(device, weights_program(device, config)) {}
 
-// Determines whether lanes can exchange values. Only compiling shows whether the compiler accepts the
-// instructions and how wide the kernel's waves are, and only running shows whether the values are right.
+// Determines with which mechanism lanes can exchange values. The backward kernel is compiled, because this
+// shows whether the compiler accepts the instructions and how many lanes a wave of the kernel has. Then a
+// test kernel is run, because this shows whether the exchanged values are right.
 Exchange Raster::exchange() {
   if (exchange_) return *exchange_;
   exchange_ = Exchange::none;
@@ -93,7 +95,7 @@ Exchange Raster::exchange() {
   const Exchange kind = exchange_kind(device_);
   std::string fault;
   if (kind == Exchange::none) {
-    if (device_.info().type == DeviceType::cpu) return *exchange_;  // there local memory is no slower
+    if (device_.info().type == DeviceType::cpu) return *exchange_;  // on CPUs, local memory is equally fast
     fault = "its driver does not support exchanging values between work-items (cl_khr_subgroup_shuffle)";
   } else {
     try {
@@ -181,7 +183,7 @@ void Raster::run(const SumSlots& work) {
           "tile_counts or slot_offsets is shorter than count");
   require(work.v_records.size >= static_cast<std::size_t>(work.count) * kGradStride,
           "v_records is shorter than count");
-  const std::size_t items = on_cpu(config_) ? 1 : kGradStride;  // per splat
+  const std::size_t items = on_cpu(config_) ? 1 : kGradStride;  // work-items per splat
   const std::size_t groups = round_up(work.count * items, sum_group_) / sum_group_;
   KernelSet& kernels = raster(work.slots.count > 1);
   const Range global{groups * sum_group_}, local{sum_group_};
@@ -198,7 +200,7 @@ void Raster::run(const SumSlots& work) {
 
 void Raster::run(const MeasureWeights& work) {
   check_weights(work);
-  const std::size_t items = on_cpu(config_) ? 1 : kGpuGroup;  // per tile
+  const std::size_t items = on_cpu(config_) ? 1 : kGpuGroup;  // work-items per tile
   weights_[kMeasureWeights]({static_cast<std::size_t>(work.shape.tiles()) * items}, {items}, work.records,
                             work.sorted_ids, work.sorted_slots, work.tile_ranges, work.shape.tiles_x(),
                             work.shape.tiles_y(), work.shape.width, work.shape.height, work.masks,

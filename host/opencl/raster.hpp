@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Raster runs the rasterisers, the sum over slots and the weights of splats. It launches the kernels that
-// KernelConfig::raster selects. Contracts: RasterForward, RasterBackward, SumSlots and MeasureWeights in
-// host/device/stages.hpp.
+// KernelConfig::raster selects. The operations RasterForward, RasterBackward, SumSlots and MeasureWeights are
+// described in host/device/stages.hpp.
 #pragma once
 
 #include <map>
@@ -23,17 +23,17 @@ class Raster {
   void run(const MeasureWeights& work);
 
  private:
-  Exchange exchange();
-  KernelSet& raster(bool pieces);  // pieces: slots are in several buffers
+  Exchange exchange();             // returns the mechanism with which lanes exchange values
+  KernelSet& raster(bool pieces);  // `pieces` is true if the slots are in several buffers
 
   OpenclDevice& device_;
   KernelConfig config_;
-  std::map<bool, KernelSet> raster_;  // by whether slots are in several buffers
+  std::map<bool, KernelSet> raster_;  // the key is true if the slots are in several buffers
   std::optional<Exchange> exchange_;  // set at the first use
   CoreGroups core_groups_;
   std::size_t sum_group_;
   KernelSet weights_;
-  Buffer<float> parts_;  // parts of long lists
+  Buffer<float> parts_;  // results of the parts of long lists
 };
 
 }  // namespace ubs::opencl

@@ -19,16 +19,18 @@ Blocks group_blocks(std::uint64_t elements) {
   return {kBlock, std::max<std::size_t>(1, divide_up(elements, kBlock)), kGroupSize};
 }
 
-// Divides the elements into so few blocks that each work-group can add the sums of all blocks before its own.
+// Divides the elements into at most kMost blocks. The number of blocks is so small that each work-group can
+// add the sums of all blocks before its own block.
 Blocks few_group_blocks(std::uint64_t elements) {
-  constexpr std::uint64_t kMost = 1024;  // kAreaBlocks of kernels/opencl/tile_lists.cl
+  constexpr std::uint64_t kMost = 1024;  // the same as kAreaBlocks in kernels/opencl/tile_lists.cl
   const std::uint64_t size =
       std::max<std::uint64_t>(stage_sizes::kGroupBlock, round_up(divide_up(elements, kMost), kGroupSize));
   return {static_cast<std::uint32_t>(size), std::max<std::size_t>(1, divide_up(elements, size)), kGroupSize};
 }
 
-// Divides the elements into a number of chunks that is a multiple of the number of cores: 30 000 splats on
-// two cores are 8 chunks instead of 7, so that no core gets four of seven.
+// Divides the elements into a number of chunks that is a multiple of the number of cores. For example, 30 000
+// splats on two cores are divided into 8 chunks instead of 7, because with 7 chunks one core would process
+// four of them.
 Blocks chunk_blocks(std::uint64_t elements, std::size_t most, std::size_t cores) {
   std::uint64_t wanted =
       std::clamp<std::uint64_t>(elements / stage_sizes::kSmallestChunk, 1, std::max<std::size_t>(1, most));

@@ -8,8 +8,8 @@
 
 namespace ubs::opencl {
 
-// Adds each source once. `#pragma once` is removed from the sources, because it is only valid in files that
-// are included.
+// Adds each source only once. `#pragma once` is removed from the sources, because it is only valid in files
+// that are included with #include.
 std::string assemble(const std::vector<std::string>& names) {
   constexpr std::string_view kOnce = "#pragma once";
   std::string text;

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Assembles programs from the embedded kernel sources (host/device/kernel_sources.hpp).
+// assemble() creates the source text of a program from the embedded kernel sources
+// (host/device/kernel_sources.hpp).
 #pragma once
 
 #include <string>
@@ -7,8 +8,8 @@
 
 namespace ubs::opencl {
 
-// Returns the prelude (dialect, limits, layout) and the named files as one text. Each file starts with a
-// #line directive with its name.
+// Returns one text that contains the headers that all programs need (such as limits.h and layout.h), followed
+// by the named files. A #line directive with the name of the file precedes each file.
 std::string assemble(const std::vector<std::string>& names);
 
 }  // namespace ubs::opencl

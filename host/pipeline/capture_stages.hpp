@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// CaptureStages passes every call on to other stages and stores its arguments, so that a single operation of
-// a training step can be repeated, on the buffers as the step left them. The arguments refer to buffers of
-// the renderer or trainer that made the call. They are valid as long as that renderer or trainer exists and
-// its buffers do not grow.
+// CaptureStages forwards every operation to other stages and stores the arguments of the last call of each
+// operation. Benchmarks can then repeat a single operation of a training step with the buffer contents that
+// the step left behind. The arguments refer to buffers of the renderer or trainer that made the call. They
+// are valid as long as that renderer or trainer exists and its buffers do not grow.
 #pragma once
 
 #include <algorithm>

@@ -22,7 +22,7 @@ DeviceGroups::DeviceGroups(Device& device, const MixedModel& model, KernelConfig
 void DeviceGroups::upload(const MixedModel& model) {
   for (const SplatModel& group : model.groups)
     if (std::ranges::none_of(models_, [&](const DeviceModel& own) { return own.dim() == group.dim; }))
-      fail(ErrorKind::internal, "the model has no splats with N = {}", group.dim);
+      fail(ErrorKind::internal, "the model on the device has no group with N = {}", group.dim);
   for (std::size_t g = 0; g < models_.size(); ++g) {
     const auto found = std::ranges::find(model.groups, models_[g].dim(), &SplatModel::dim);
     models_[g].upload(

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// DeviceGroups is a model on a device, as one group of splats or several groups of different dimensions. Each
-// group has stages for its N. view() can be passed to Renderer::forward.
+// DeviceGroups holds a model on a device. The model consists of one group of splats, or of several groups
+// whose splats have different dimensions N. Each group has stages that are compiled for its N. view() can be
+// passed to Renderer::forward.
 #pragma once
 
 #include <memory>
@@ -15,16 +16,17 @@ namespace ubs {
 
 class DeviceGroups {
  public:
-  // Creates the stages of each group from `config`, with N and the variant of the group.
+  // Creates the stages of each group from `config`, in which N and the variant are replaced by those of the
+  // group.
   DeviceGroups(Device& device, const MixedModel& model, KernelConfig config);
 
-  // Replaces the splats. `model` may have at most as many splats of each N as the groups have room for, and
-  // must have the same variant. Groups that `model` lacks become empty. Throws Error(internal) if `model` has
-  // an N for which there is no group.
+  // Replaces the splats by those of `model`, which must have the same variant. For each N, `model` must not
+  // have more splats than the capacity of the group with this N. A group whose N does not occur in `model`
+  // becomes empty. Throws Error(internal) if `model` has an N for which there is no group.
   void upload(const MixedModel& model);
 
   std::span<const RenderGroup> view() const { return view_; }
-  // Stages for operations that do not depend on N: lists, rasteriser, loss.
+  // Returns the stages for the operations that do not depend on N: tile lists, rasterisation and loss.
   Stages& stages() const { return *stages_.front(); }
   Stages& stages(std::size_t group) const { return *stages_[group]; }
   const std::vector<DeviceModel>& groups() const { return models_; }
@@ -35,8 +37,8 @@ class DeviceGroups {
   std::vector<RenderGroup> view_;
 };
 
-// GroupBuffers holds an array in the layout of the parameters for each group, such as gradients or moments.
-// The values are initially zero.
+// GroupBuffers holds one array per group, for example the gradients or the moments. Each array has the layout
+// of the group's parameters. All values are initially zero.
 class GroupBuffers {
  public:
   GroupBuffers(Device& device, const DeviceGroups& model, const char* label);

@@ -8,16 +8,16 @@
 
 namespace ubs {
 
-// Returns the distance of two rows in floats, for rows with a capacity of `capacity` splats. It is an odd
-// multiple of 64. Kernels walk through all rows of parameters and moments at the same time. If the distance
-// were a multiple of 16 KiB, as it once was with 300 000 splats, all rows would compete for the same 12 lines
-// of a CPU's L1 cache.
+// Returns the distance between the starts of two consecutive rows in floats, for rows with a capacity of
+// `capacity` splats. The distance is an odd multiple of 64. Kernels read all rows of parameters and moments
+// at the same time. If the distance were a multiple of 16 KiB, the values of one splat in all rows would
+// compete for the same 12 lines of a CPU's L1 cache.
 std::uint32_t row_stride(std::size_t capacity);
 
 class DeviceModel {
  public:
-  // Allocates memory for `capacity` splats, and at least for those of the model. Growth within the capacity
-  // needs no new memory.
+  // Uploads the model. The memory is allocated for `capacity` splats, or for the splats of the model if there
+  // are more of them. The number of splats can later grow up to the capacity without a new allocation.
   DeviceModel(Device& device, const SplatModel& model, std::size_t capacity = 0);
 
   const ParameterLayout& layout() const { return layout_; }
@@ -30,8 +30,8 @@ class DeviceModel {
   const Buffer<float>& params() const { return params_; }
   SplatView view() const { return {params_.view(), count_, stride_}; }
   SplatModel download() const;
-  // Replaces all splats. The capacity and the variant stay the same. Throws Error(internal) if the splats do
-  // not fit.
+  // Replaces all splats. The capacity stays the same. Throws Error(internal) if `model` has more splats than
+  // the capacity, or another dimension or variant.
   void upload(const SplatModel& model);
 
  private:

@@ -12,14 +12,14 @@ namespace ubs {
 namespace {
 
 constexpr float kFaintest = 1e-6f;     // minimum alpha of pixels whose depth has a gradient
-constexpr float kMinShare = 0x1p-30f;  // minimum of v_rgb as a share of v_alpha
+constexpr float kMinShare = 0x1p-30f;  // minimum of |v_rgb| relative to |v_alpha|
 
 void upload(Device& device, BufferView<float> view, const std::vector<float>& values) {
   device.write(*view.memory, 0, std::as_bytes(std::span(values)));
 }
 
-// Calls `visit` for each pixel of the image, with its index in the arrays of the caller and its index in a
-// padded plane.
+// Calls `visit` for each pixel of the image. The first argument is the index of the pixel in the caller's
+// arrays, the second its index in a padded plane of the renderer's buffers.
 template <typename Visit>
 void for_pixels(const ImageShape& shape, const Visit& visit) {
   const auto width = static_cast<std::size_t>(shape.width), height = static_cast<std::size_t>(shape.height);
@@ -76,8 +76,9 @@ void depth_to_records(Device& device, Renderer& renderer, std::span<const float>
     record[kSplatB] = 0;
   }
   upload(device, drawn.records, records);
-  // The green channel becomes W. We cannot use 1 - transmittance instead, because it is too inexact for faint
-  // pixels, which have a depth too.
+  // The green channel of the image becomes W, the sum of the weights (see the header). We cannot use 1 -
+  // transmittance instead, because its rounding errors are too large for pixels with a small alpha, and these
+  // pixels have a depth too.
   renderer.draw_again();
   const std::vector<float> drawn_again = read_values(device, drawn.image, 3 * plane);
   std::vector<float> v_image(3 * plane), image(3 * plane);
@@ -92,8 +93,8 @@ void depth_to_records(Device& device, Renderer& renderer, std::span<const float>
   renderer.backward_to_records();
 }
 
-// Moves the gradient that the depth pass has stored in the red channel to the depth, and adds `before`, which
-// is the gradient of the projected splats from colours and alpha.
+// Moves the gradient that the depth pass has stored in the red channel to the depth of each projected splat.
+// Then adds `before`, the gradient of the projected splats that comes from colours and alpha.
 void join(Device& device, BufferView<float> v_records, const std::vector<float>& before) {
   std::vector<float> values = read_values(device, v_records, v_records.size);
   for (std::size_t i = 0; i + kGradStride <= values.size(); i += kGradStride) {

@@ -17,25 +17,27 @@ struct ImageGradient {           // empty members count as zeros
   bool rgb_on_device = false;
 };
 
-// Must be called after a forward pass with for_backward. Changes the rendered image, and with `depth` also
-// the colours of the projected splats. v_params has one buffer per group. If it is empty, the calculation
-// ends at the gradient of the records, like Renderer::backward_to_records().
+// The last forward pass of the renderer must have been called with for_backward = true. This function
+// overwrites the rendered image. If `depth` is not empty, it also overwrites the colours of the projected
+// splats. v_params has one buffer per group. If v_params is empty, the function only computes the gradient of
+// the projected splats, Renderer::v_records().
 //
-// Alpha: back ends only support a gradient with respect to colours. They walk through the splats of a pixel
-// from front to back. At each splat they read the contribution of everything behind it from the image, as
-// v_rgb . (image - what has been composited so far). After the last splat, T (v_rgb . background) remains,
-// where T is the transmittance. We need the gradient of v_rgb . image + v_alpha * alpha. Because
-// alpha is 1 - T, v_alpha adds a constant and changes this remainder by -v_alpha T, as a different background
-// would. Before the walk, we therefore change one channel of the image by -v_alpha T / v, where v is the
-// component of v_rgb in this channel. If all components of v_rgb are 0 or nearly 0, one of them is set to
-// 2^-30 of v_alpha. Colours then get gradients of up to 1e-9 of v_alpha that should be 0, which is far below
-// the rounding of the other gradients.
+// Alpha: back ends only support a gradient with respect to colours. They process the splats of a pixel from
+// front to back. At each splat they compute the contribution of everything behind it from the image, as
+// v_rgb . (image - c), where c is the colour that has been composited so far. After the last splat,
+// T (v_rgb . background) remains, where T is the transmittance. We need the gradient of
+// v_rgb . image + v_alpha * alpha. Because alpha is 1 - T, v_alpha adds a constant and changes this remainder
+// by -v_alpha T, as a different background would. Before the backward pass, we therefore change one channel
+// of the image by -v_alpha T / v, where v is the component of v_rgb in this channel. If all components of
+// v_rgb are 0 or nearly 0, one of them is set to 2^-30 of v_alpha. Colours then get gradients of up to 1e-9
+// of v_alpha that should be 0, which is far below the rounding of the other gradients.
 //
-// Depth: its gradient is computed in a separate pass, in which z - z0 replaces the red channel. The depth of
-// a pixel is D = sum w z / W with W = sum w = alpha. Its gradient equals that of sum w (z - D) / W, where D
-// and W are held constant. In the pass, this is the gradient v_D / W of an image with the value D - z0 in
-// front of the background D - z0. z0 is the mean depth. It keeps the differences exact in scenes that are far
-// away.
+// Depth: its gradient is computed in a separate pass, in which z - z0 replaces the red channel. Here z is the
+// depth of a splat, w is its weight in the pixel, and z0 is the mean depth of the image. The depth of a pixel
+// is D = sum w z / W with W = sum w = alpha. Its gradient equals that of sum w (z - D) / W, where D and W are
+// held constant. In the pass, this is the gradient v_D / W of an image with the value D - z0 in front of the
+// background D - z0. Subtracting z0 keeps the differences precise in scenes that are far away from the
+// camera.
 void backward_from_image(Device& device, Renderer& renderer, const ImageGradient& v,
                          std::span<const BufferView<float>> v_params);
 

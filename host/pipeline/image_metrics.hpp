@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// ImageMetrics computes the image metrics that Stages::image_loss does not provide (it has PSNR and
-// zero-padded SSIM): SSIM over the windows inside the image, and LPIPS with the requested networks.
+// ImageMetrics computes image metrics in addition to those of Stages::image_loss, which are PSNR and an SSIM
+// with zeros outside of the image. The additional metrics are the SSIM over the windows inside the image, and
+// LPIPS with the requested networks.
 #pragma once
 
 #include <filesystem>
@@ -13,15 +14,18 @@
 
 namespace ubs {
 
+// LpipsRequest selects the networks and ranges for which LPIPS is computed.
 struct LpipsRequest {
   std::vector<std::string> networks;  // alex, squeeze, vgg; empty: no LPIPS
   // A safetensors file, or a folder that contains lpips_alex.safetensors, lpips_squeeze.safetensors and
   // lpips_vgg.safetensors.
   std::filesystem::path weights;
+  // Each network computes one distance for each of these ranges.
   std::vector<LpipsRange> ranges{LpipsRange::signed_one, LpipsRange::unit};
 };
 
-// Returns the weight file of a network. Throws Error(data) with its name if the folder does not contain it.
+// Returns the weight file of a network. Throws Error(usage) if `weights` is empty, and Error(data) with the
+// path of the file if the folder does not contain it.
 std::filesystem::path lpips_weight_file(const std::filesystem::path& weights, const std::string& network);
 
 struct NamedValue {
@@ -40,10 +44,11 @@ class ImageMetrics {
   // Throws Error(data) if a network cannot process images of this size, and Error(memory) if the device has
   // not enough memory for them.
   void check_size(PlanarSize size) const;
-  // Waits for the device and returns the mean over the (width - 10)(height - 10) windows and three channels,
-  // or nothing if the image is smaller than a window.
+  // Waits for the device and returns the SSIM, averaged over the three channels and over all 11 x 11 windows
+  // that are inside the image. Returns nothing if the image is smaller than a window.
   std::optional<double> valid_ssim(const DeviceImage& a, const DeviceImage& b);
-  // Waits for the device and returns the distance for every requested network and range, in this order.
+  // Waits for the device and returns one LPIPS distance for every combination of a requested network and a
+  // requested range. The order is that of the networks; the ranges of one network follow each other.
   std::vector<NamedValue> lpips(const DeviceImage& a, const DeviceImage& b);
   // Returns the device memory of the networks for images of this size, including their weights.
   std::uint64_t lpips_bytes(PlanarSize size) const;

@@ -9,6 +9,7 @@
 namespace ubs {
 namespace {
 
+// Shift and scale of the input per channel, from the definition of LPIPS.
 constexpr std::array<double, 3> kShift{-0.030, -0.088, -0.188}, kScale{0.458, 0.448, 0.450};
 constexpr Layer kPointwise{LayerKind::convolution, 0, 1, 1, 0},
     kThreeByThree{LayerKind::convolution, 0, 3, 1, 1};
@@ -84,7 +85,8 @@ void Lpips::check_size(PlanarSize size) const {
          network_->name, least, least, size.width, size.height);
 }
 
-// Returns whether a convolution is a matrix product already, because its window is a single pixel.
+// Returns whether a convolution is a matrix product already, because its window is a single pixel and its
+// stride is 1.
 bool Lpips::is_product(const Convolution& convolution) const {
   return convolution.layer.window == 1 && convolution.layer.stride == 1;
 }
@@ -96,8 +98,9 @@ int Lpips::columns_at_once(const Convolution& convolution, const PlanarSize& out
   return static_cast<int>(std::min(columns, out.plane()));
 }
 
-// Returns the product for the whole layer if it needs no matrix, and otherwise for the first columns of the
-// matrix.
+// Returns the matrix product of a convolution. If the convolution is a matrix product already, this is the
+// product for the whole layer. Otherwise it is the product for the first columns, as many as are computed at
+// once.
 MatrixProduct Lpips::product(const Convolution& convolution, const PlanarSize& out) const {
   MatrixProduct p;
   p.rows = convolution.out;
@@ -115,7 +118,8 @@ void Lpips::add_need(const Convolution& convolution, const PlanarSize& size, Nee
   if (!is_product(convolution))
     need.matrix =
         std::max(need.matrix, static_cast<std::size_t>(p.inner) * static_cast<std::size_t>(p.columns));
-  // Consider the first columns, the following ones, and the remaining ones of the last product.
+  // The memory of a product depends on the number of its columns and on the alignment of its output. So take
+  // the maximum over a full and a partial product, each with and without an offset.
   const int left = static_cast<int>(out.plane()) % p.columns;
   for (const std::size_t offset : {0, 16})
     for (const int columns : {p.columns, left > 0 ? left : p.columns}) {

@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // Lpips computes the LPIPS distance (version 0.1) of two images on a device. Convolutions are computed as
 // matrix products. Both images go through the network layer by layer, so that only the features of two layers
-// are stored for each. The matrices contain as many output pixels at a time as the back end requests, which
-// limits the memory for images of any size.
+// are stored for each image. A convolution of many pixels is split into several matrix products. The back end
+// determines the maximum size of their matrices (MetricOps::matrix_bytes()), which limits the memory for
+// large images.
 #pragma once
 
 #include <array>
@@ -13,7 +14,8 @@
 
 namespace ubs {
 
-// The range of the images that the network gets: 2 v - 1, as LPIPS is defined, or v itself, as in the
+// LpipsRange is the range of values to which an image v in [0, 1] is converted before the network processes
+// it. `signed_one` converts to 2 v - 1, as in the definition of LPIPS. `unit` does not convert, as in the
 // published evaluation of splats (method.md 4.7). The distances differ, so only distances of the same range
 // can be compared.
 enum class LpipsRange { signed_one, unit };
@@ -34,7 +36,8 @@ class Lpips {
   double distance(const DeviceImage& a, const DeviceImage& b, LpipsRange range);
   // Throws Error(data) if images of this size are too small for the network.
   void check_size(PlanarSize size) const;
-  // Returns the device memory after images of this size, and no larger ones, have been compared.
+  // Returns the device memory that this object uses after it has compared images of this size and no larger
+  // images.
   LpipsMemory memory(PlanarSize size) const;
 
  private:
@@ -45,7 +48,8 @@ class Lpips {
   };
   struct Stage {  // a layer of the network with its weights
     Layer layer;
-    // convolution: one; fire: squeeze, expand1x1, expand3x3; others: none.
+    // The convolutions of the layer. A convolution has one, a fire module has three (squeeze, expand1x1,
+    // expand3x3), and other layers have none.
     std::vector<Convolution> convolutions;
     Buffer<float> head;  // weights of a tap
     int channels = 0;    // number of channels after this layer
@@ -75,7 +79,7 @@ class Lpips {
   const Network* network_;
   std::vector<Stage> stages_;
   int taps_ = 0;
-  std::array<std::array<Buffer<float>, 2>, 2> features_;  // [image][layers alternate]
+  std::array<std::array<Buffer<float>, 2>, 2> features_;  // [image][layer number modulo 2]
   Buffer<float> squeezed_, matrix_, distances_, sums_;
 };
 

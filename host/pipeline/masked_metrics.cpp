@@ -20,7 +20,7 @@ std::array<double, kTaps> window() {
   return weights;
 }
 
-// Window sums of the five products that SSIM needs: a, b, aa, bb, ab.
+// Weighted sums over a window of the five quantities that SSIM needs, in this order: a, b, a a, b b, a b.
 using Sums = std::array<double, 5>;
 
 Sums add(Sums sums, double weight, const Sums& values) {

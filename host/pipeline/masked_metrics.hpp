@@ -18,7 +18,8 @@ namespace ubs {
 std::optional<double> masked_valid_ssim(std::span<const float> a, std::span<const float> b,
                                         std::span<const std::uint8_t> mask, PlanarSize size);
 
-// Returns `image` with the pixels of `other` where the mask is 0, so that a network sees no difference there.
+// Returns `image` with the pixels of `other` where the mask is 0, so that the two images are equal there and
+// LPIPS only measures differences in the other pixels.
 std::vector<float> fill_masked(std::span<const float> image, std::span<const float> other,
                                std::span<const std::uint8_t> mask);
 

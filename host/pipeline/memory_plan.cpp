@@ -19,7 +19,7 @@ namespace {
 namespace sizes = stage_sizes;
 
 constexpr double kWord = 4;
-constexpr std::uint64_t kLossTile = 48;  // width of the narrowest tile, which needs the most sums
+constexpr std::uint64_t kLossTile = 48;  // minimum width of a tile of the loss [px]
 
 std::uint64_t divide_up(std::uint64_t value, std::uint64_t by) { return (value + by - 1) / by; }
 
@@ -66,9 +66,11 @@ class Planner {
     per_splat("projected splats", kWord * int{kSplatStride});
     per_splat("depth keys, tile rects and counts", kWord * 4);
     if (q_.training) per_splat("slot offsets", kWord);
-    // With few splats, CPUs sort in two passes. The first writes keys with splats and the second writes
-    // splats (3 words). From kManySplats on, and with CUDA, more passes alternate between two buffers of keys
-    // with splats (5 words). On OpenCL GPUs these two are all (4 words).
+    // The scratch memory of the depth sort depends on the back end. With fewer than kManySplats splats, CPUs
+    // sort in two passes. The first pass writes pairs of a key and a splat index, and the second pass writes
+    // only the indices, which takes 3 words per splat. With more splats, CPUs need more passes, which
+    // alternate between two buffers of pairs and then write the indices. This takes 5 words, and so does
+    // CUDA. OpenCL GPUs only need the two buffers of pairs, which take 4 words.
     const bool two_passes = q_.raster == RasterKind::cpu && few();
     const bool in_groups = q_.raster == RasterKind::gpu && !q_.sorts_by_copying;
     per_splat("depth sort: keys and splats", kWord * (two_passes ? 3 : in_groups ? 4 : 5));
@@ -112,8 +114,9 @@ class Planner {
       per_intersection("tile sort: tiles twice, splats, slots", kWord * (q_.training ? 4 : 3));
   }
 
-  // Three maps of the SSIM with a margin. On CPUs with large images they are for one channel at a time,
-  // otherwise for all channels.
+  // Adds the buffers of the loss. The largest are the maps of the SSIM: three maps per channel, with a margin
+  // around the image. CPUs compute large images one channel at a time and then only need the maps of one
+  // channel.
   void loss() {
     const auto pitch = static_cast<std::uint64_t>(shape_.pitch()),
                rows = static_cast<std::uint64_t>(shape_.rows());
@@ -133,8 +136,8 @@ class Planner {
     fixed("learning rates", static_cast<std::uint64_t>(ParameterLayout(q_.dim, q_.variant).count));
   }
 
-  // Histograms. The sums of prefix scans are not counted, because they are thousands of times smaller than
-  // their inputs.
+  // Adds the histograms of the sorts. The block sums of the prefix scans are not counted, because they are
+  // thousands of times smaller than the inputs of the scans.
   void sorting() {
     const auto tiles = static_cast<std::uint64_t>(std::max(1, shape_.tiles()));
     if (q_.raster == RasterKind::gpu) {
@@ -171,8 +174,9 @@ class Planner {
   MemoryPlan plan_;
 };
 
-// Returns the bytes that the host needs while a state is saved: parameters and moments twice. On CPUs this is
-// the memory of the device.
+// Returns the bytes that the host needs while the state of a training is saved: two copies of the parameters
+// and moments. This matters on CPUs, where host and device share their memory. Returns 0 if the plan is not
+// for training.
 std::uint64_t saving_bytes(const MemoryPlan& plan) {
   std::uint64_t bytes = 0;
   bool training = false;

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// plan_memory() computes the device memory of a training or of rendering before it starts, from the sizes of
-// the buffers that the pipeline and the OpenCL stages allocate: the bytes per splat, per pixel and per (tile,
-// splat) intersection, and the total. tests/bench/bench_device_test.cpp compares the result with the memory
-// that is actually allocated.
+// plan_memory() computes the device memory of a training or of rendering before it starts. It adds up the
+// sizes of the buffers that the pipeline and the OpenCL stages allocate. The result contains the bytes per
+// splat, per pixel and per (tile, splat) intersection, and the total. tests/bench/bench_device_test.cpp
+// compares the result with the memory that is actually allocated.
 #pragma once
 
 #include <cstdint>
@@ -13,49 +13,51 @@
 
 namespace ubs {
 
+// MemoryQuestion contains the inputs of the estimate.
 struct MemoryQuestion {
   struct Group {
     int dim = 6;
     std::size_t splats = 0;
   };
   int dim = 6;
-  ModelVariant variant = {};       // determines the parameter rows together with `dim`
-  std::vector<Group> groups = {};  // for rendering a model, instead of `dim`; their splats add up to `splats`
-  int trained_rows = -1;           // rows of gradients and moments; -1: those of all parameters
-  std::size_t splats = 0;          // for training: the maximum during the run
-  int width = 0, height = 0;       // size of the largest view
+  ModelVariant variant = {};        // determines the parameter rows together with `dim`
+  std::vector<Group> groups = {};   // groups of a model for rendering, used instead of `dim`
+  int trained_rows = -1;            // number of parameter rows with gradients and moments; -1: all rows
+  std::size_t splats = 0;           // in all groups; for training, the maximum during the run
+  int width = 0, height = 0;        // size of the largest view
   std::uint64_t intersections = 0;  // (tile, splat) pairs: maximum over the views
   std::size_t views = 0;            // number of cameras on the device
-  std::uint64_t target_bytes = 0;   // ground-truth images on the device, 3 bytes per pixel, or 4 with a mask
-  std::size_t loss_rows = 0;        // views between two readings of the loss (batch * log_every)
-  bool learns_sky = false;          // TrainSettings::background
-  std::size_t appearances = 0;      // training images whose exposure and white balance are learnt
-  bool training = true;             // false: forward only
-  bool refinement = true;           // training with relocation and growth
+  std::uint64_t target_bytes = 0;   // size of the target images on the device
+  std::size_t loss_rows = 0;        // number of views between two downloads of the loss
+  bool learns_sky = false;          // whether the background is trained, as a colour or a sky
+  std::size_t appearances = 0;      // number of images whose exposure and white balance are trained
+  bool training = true;             // false: only rendering
+  bool refinement = true;           // whether splats are relocated and added during training
   bool depth = false;
   RasterKind raster = RasterKind::cpu;
-  bool sorts_by_copying = false;  // as in DeviceInfo
-  unsigned compute_units = 1;     // of the device; limits the number of chunks in sorting on CPUs
+  bool sorts_by_copying = false;  // DeviceInfo::sorts_by_copying
+  unsigned compute_units = 1;     // of the device; CPUs divide a sort into a number of chunks per unit
 };
 
 enum class MemoryUnit { splat, pixel, intersection, view, fixed };
 std::string_view to_string(MemoryUnit unit);
 
+// MemoryItem is the memory of one buffer, or of several buffers with the same purpose.
 struct MemoryItem {
   std::string label;  // label of the buffer, or the purpose of the scratch memory
   MemoryUnit unit;
   double each = 0;  // bytes per unit, without the padding of splats and pixels
   std::uint64_t bytes = 0;
-  bool splits = false;  // can be divided into several allocations if one is too small
+  bool splits = false;  // whether the buffer can be divided into several allocations
 };
 
 struct MemoryPlan {
   std::vector<MemoryItem> items;
   std::uint64_t total() const;
-  // Returns the largest of the items that must fit into one allocation. Images and items that can be divided
-  // are not considered.
+  // Returns the largest of the items that must fit into one allocation. Items per view and items that can be
+  // divided are not considered.
   const MemoryItem& largest() const;
-  double each(MemoryUnit unit) const;  // bytes per splat, pixel, ...
+  double each(MemoryUnit unit) const;  // sum of `each` over the items of this unit
 };
 
 MemoryPlan plan_memory(const MemoryQuestion& question);

@@ -22,13 +22,13 @@ Network alex() {
        convolution(6, 3, 1, 1), kTap, convolution(8, 3, 1, 1), kTap, convolution(10, 3, 1, 1), kTap}};
 }
 
-Network squeeze() {  // version 1.1
+Network squeeze() {  // SqueezeNet 1.1
   return {"squeeze",
           {convolution(0, 3, 2, 0), kTap, pool(3, 2, true), fire(3), fire(4), kTap, pool(3, 2, true), fire(6),
            fire(7), kTap, pool(3, 2, true), fire(9), kTap, fire(10), kTap, fire(11), kTap, fire(12), kTap}};
 }
 
-Network vgg() {  // 16 layers
+Network vgg() {  // VGG-16
   Network network{"vgg", {}};
   const std::vector<std::vector<int>> blocks{{0, 2}, {5, 7}, {10, 12, 14}, {17, 19, 21}, {24, 26, 28}};
   for (const std::vector<int>& block : blocks) {

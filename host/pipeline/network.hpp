@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// Network describes a network of LPIPS as data: its layers in the order of torchvision, up to the last tap.
-// The numbers of channels come from the weights. Tensors have torchvision's names ("features.3.weight"), and
-// those of the linear heads are lin0.weight, lin1.weight, ...
+// Network describes one of the networks of LPIPS as a list of layers, in the order of torchvision. The list
+// contains additional entries, called taps, at the places where LPIPS compares features, and it ends with the
+// last tap. The numbers of channels come from the weights. The tensors of a weight file have the names of
+// torchvision, for example "features.3.weight". The weights of the taps are called lin0.weight, lin1.weight,
+// and so on.
 #pragma once
 
 #include <string>
@@ -13,21 +15,23 @@
 namespace ubs {
 
 enum class LayerKind {
-  convolution,  // with bias and ReLU
-  fire,         // SqueezeNet: 1x1 to few channels, then 1x1 and 3x3 side by side; ReLU after each
-  pool,         // maximum pooling
-  tap           // the features at this point are compared
+  convolution,  // a convolution with bias, followed by a ReLU
+  // A module of SqueezeNet: a 1x1 convolution to fewer channels, and then a 1x1 and a 3x3 convolution of its
+  // result, whose outputs are concatenated. A ReLU follows each convolution.
+  fire,
+  pool,  // maximum pooling
+  tap    // no operation: LPIPS compares the features of the previous layer
 };
 
 struct Layer {
   LayerKind kind;
-  int number = 0;  // number of the module in `features`
+  int number = 0;  // number of the module in torchvision's `features`, for the names of its tensors
   int window = 1, stride = 1, padding = 0;
-  bool ceil = false;  // pool: an incomplete window at the edge counts
+  bool ceil = false;  // only for pool: incomplete windows at the right and bottom edge are included
 };
 
 struct Network {
-  std::string_view name;  // "alex"
+  std::string_view name;  // "alex", "squeeze" or "vgg"
   std::vector<Layer> layers;
 };
 
@@ -36,10 +40,10 @@ const std::vector<Network>& lpips_networks();
 // Returns the network with this name. Throws Error(usage) with the list of valid names if there is none.
 const Network& lpips_network(std::string_view name);
 
-// Returns the size of the output of a convolution or pool. It is 0 or less if the input is smaller than the
-// window.
+// Returns the size of the output of a layer. A side of the output is 0 if that side of the padded input is
+// smaller than the window.
 PlanarSize output_size(const Layer& layer, PlanarSize size);
-// Returns the smallest side of an image that has at least one pixel at every tap.
+// Returns the side of the smallest square image whose features have at least one pixel at every tap.
 int smallest_side(const Network& network);
 
 }  // namespace ubs

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// This file contains the methods of Renderer for views that several processes render together.
+// This file contains the methods of Renderer for views of which one process projects the splats and another
+// process renders the image.
 #include <algorithm>
 #include <array>
 
@@ -30,8 +31,9 @@ Buffer<float>& Renderer::drawn_records(std::uint32_t drawn, bool for_backward) {
   return records_;
 }
 
-// Splats that are not visible have no tiles. So the lists, slots and sums are the same as those of all
-// splats, in the same order. A view without any splat gets one splat that is not visible.
+// Splats that are not visible do not intersect any tile. So the lists, the slots and the sums are the same as
+// if all splats were present. If no splat is visible, the view is rendered with a single splat that is not
+// visible, because the operations need at least one.
 ListTotals Renderer::forward_projected(std::uint32_t drawn, std::uint32_t camera,
                                        const RenderSettings& settings, bool for_backward) {
   choose({}, camera, settings, for_backward);

@@ -15,7 +15,7 @@
 namespace ubs {
 namespace {
 
-// Number of partial sums of the camera gradient. They are enough to keep a large card busy and take half a
+// Number of partial sums of the camera gradient. This many sums occupy a large GPU completely and take half a
 // megabyte.
 constexpr std::uint32_t kCameraLanes = 8192;
 constexpr std::size_t kMaxTilesAcross = 65535;  // a tile coordinate is packed into 16 bits
@@ -46,8 +46,8 @@ FourFloats load_four(const float* from) {
   return four;
 }
 
-// Writes to memory without using the caches, because a cached store would first read the line that it
-// replaces. `to` must be a multiple of 16 bytes.
+// Writes to memory without using the caches, because a cached store would first read the cache line that it
+// replaces. The address `to` must be a multiple of 16.
 void store_four(const FourFloats& four, float* to) {
 #ifdef __SSE2__
   _mm_stream_ps(to, four);
@@ -56,7 +56,8 @@ void store_four(const FourFloats& four, float* to) {
 #endif
 }
 
-// Written with shuffles, because GCC compiles the plain loop to code that is 2.5 times slower.
+// Converts four pixels of three planes to interleaved RGB. It uses shuffles, because GCC compiles a plain
+// loop to code that is 2.5 times slower.
 void interleave_four(const float* from, std::size_t plane, float* to) {
   const FourFloats r = load_four(from), g = load_four(from + plane), b = load_four(from + 2 * plane);
   const FourFloats r0g0 = __builtin_shufflevector(r, g, 0, 4, 1, 5),
@@ -83,8 +84,8 @@ void interleave_row(const float* from, std::size_t plane, std::size_t width, flo
   for (; x < width; ++x) one(x);
 }
 
-// Returns the maximum number of intersections of recent views. The weight of a view decreases with each later
-// view, and is halved after 44 of them.
+// Returns the maximum number of intersections of recent views after another view with `intersections`.
+// `recent` is the previous result. It is reduced by 1/64 per view, which halves it after 44 views.
 std::uint64_t recent_maximum(std::uint64_t recent, std::uint64_t intersections) {
   return std::max(intersections, recent - recent / 64);
 }
@@ -287,8 +288,8 @@ void Renderer::list_and_draw(const ListTotals& totals, bool bounded) {
 
 ListTotals Renderer::forward(std::span<const RenderGroup> groups, std::uint32_t camera,
                              const RenderSettings& settings, bool for_backward) {
-  // A GPU would be idle while the host reads the totals. So the host reads them after it has enqueued all
-  // operations of the view.
+  // A GPU would be idle while the host waits for the number of intersections. So the host reads this number
+  // after it has enqueued all operations of the view.
   if (!for_backward && device_.info().type != DeviceType::cpu && list_room(false) > 0) {
     UncountedView view = forward_uncounted(groups, camera, settings, false);
     if (view.had_room()) return totals_ = view.totals();
@@ -355,7 +356,8 @@ const ListTotals& UncountedView::totals() {
   return totals_;
 }
 
-// On CPUs the kernels of stages with a backward pass always write slots and masks.
+// GPU stages with a backward pass only write slots, masks and states if their buffers are passed. CPU kernels
+// of such stages always write slots and masks, so they always get the buffers.
 RasterForward Renderer::last_lists() const {
   const bool keeps = for_backward_ || keeps_lists_ || !divides_lists();
   return {.shape = shape_,
@@ -383,7 +385,7 @@ void Renderer::backward(std::span<const BufferView<float>> v_params, bool accumu
 
 void Renderer::backward_from_records(std::span<const BufferView<float>> v_params, bool accumulate) {
   if (v_params.size() != groups_.size())
-    fail(ErrorKind::internal, "gradients of {} groups do not match {} groups", v_params.size(),
+    fail(ErrorKind::internal, "the gradients have {} groups, but the view has {}", v_params.size(),
          groups_.size());
   std::uint32_t first = 0;
   for (std::size_t g = 0; g < groups_.size(); ++g) {
@@ -396,8 +398,8 @@ CameraGradient Renderer::camera_gradient() {
   if (settings_.sky &&
       std::any_of(settings_.sky->begin() + 3, settings_.sky->end(), [](float v) { return v != 0; }))
     fail(ErrorKind::usage,
-         "the gradient of a camera does not support a sky: render with one background colour, background = "
-         "R,G,B");
+         "the camera gradient is not available with a sky as background: render with one background colour "
+         "(background = R,G,B)");
   std::array<double, kCameraGrads> sums{};
   std::uint32_t first = 0;
   for (const RenderGroup& group : groups_) {
@@ -442,7 +444,7 @@ ProjectBackward Renderer::projection_of(const RenderGroup& group, std::uint32_t 
 
 void Renderer::backward_to_records() {
   if (!for_backward_)
-    fail(ErrorKind::internal, "the last view was rendered forward only, without for_backward");
+    fail(ErrorKind::internal, "a gradient is only available for views that are rendered with for_backward");
   stages_.raster_backward({.shape = shape_,
                            .records = records_.view(),
                            .sorted_ids = sorted_ids_.view(),

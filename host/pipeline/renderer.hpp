@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Renderer runs the stages for one view in order, forward and backward, and owns the buffers between them. It
-// only uses the interface of the stages. Its buffers grow to the size that the views need and are reused.
+// Renderer renders views of a splat model on a device and computes their gradients. It runs the operations of
+// a view in order, forward and backward, and owns the buffers that pass data from one operation to the next.
+// It uses the device only through the interfaces Stages and Device. Its buffers grow to the size that the
+// views need and are reused.
 #pragma once
 
 #include <array>
@@ -23,12 +25,13 @@ namespace ubs {
 struct RenderSettings {
   ProjectionSettings projection;
   std::array<float, 3> background{0, 0, 0};
-  // The sky, which replaces `background`. Its numbers are those of Background: colour, harmonics.
+  // Coefficients of the sky, which replaces `background` if it is present: the colour, followed by the
+  // coefficients of the spherical harmonics, as in the struct Background.
   std::optional<std::array<float, kSkyNumbers>> sky = {};
 };
 
-// Splats of one dimension and variant, with stages that are specialised for them. Only the projection of
-// these stages is used; lists and images use the stages of the renderer.
+// RenderGroup refers to splats of one dimension and variant, and to stages that are compiled for them. The
+// renderer uses these stages only for the projection. For tile lists and images it uses its own stages.
 struct RenderGroup {
   Stages* stages = nullptr;
   SplatView splats;
@@ -39,30 +42,33 @@ struct RenderGroup {
 std::vector<float> padded_planes(std::span<const float> planes, const ImageShape& shape);
 std::vector<float> cropped_planes(std::span<const float> padded, const ImageShape& shape);
 
-// Memory for a downloaded view, with the layout of RenderedView. Empty members are not downloaded.
+// PictureRoom is the destination of a downloaded view. Its members have the layout of the members of
+// RenderedView. A member is not downloaded if its span is empty.
 struct PictureRoom {
   std::span<float> rgb, alpha, depth;
 };
 
-// The visible splats of a view, in a process whose splats are projected for a view that another process
-// renders (PickDrawn in stages.hpp).
+// DrawnSplats holds the visible splats of a view in a process that projects its splats for this view, while
+// another process renders the view. See PickDrawn in stages.hpp.
 struct DrawnSplats {
   Buffer<std::uint32_t> places;
-  Buffer<float> rows;  // compact rows: the records of the visible splats, and later their gradients
+  Buffer<float> rows;  // one row per visible splat: first its record, later the gradient of the record
 };
 
-// A view that was rendered before the host knew the length of its lists.
+// UncountedView is a view whose rendering was started before the host knew the length of its tile lists.
 class UncountedView {
  public:
+  // Creates a view whose intersections were counted before it was rendered.
   explicit UncountedView(const ListTotals& known) : totals_(known) {}
-  // recent: the longest lists of recent views, which totals() updates; it must outlive the view.
+  // `room` is the capacity of the lists. `recent` is the maximum number of intersections of recent views.
+  // totals() updates `recent`, so that variable must outlive the view.
   UncountedView(std::uint64_t room, std::unique_ptr<PendingRead> read, std::uint64_t& recent)
       : room_(room), read_(std::move(read)), recent_(&recent) {}
 
   // Waits until the intersections are counted, but not until the view is rendered.
   const ListTotals& totals();
-  // Returns whether the lists fitted. If not, the view was rendered as if it had no splats, so image and
-  // gradient are not those of the view.
+  // Returns whether the capacity of the lists was sufficient. If not, the view was rendered as if it had no
+  // splats, and its image and gradient must not be used.
   bool had_room() { return totals().intersections <= room_; }
 
  private:
@@ -74,58 +80,61 @@ class UncountedView {
 
 class Renderer {
  public:
-  // Each SplatView that is passed later must have the N of these stages. Groups have stages of their own.
+  // The splats of a SplatView that is passed to a method must have the N and the variant of `stages`. A
+  // RenderGroup brings its own stages for the projection.
   Renderer(Device& device, Stages& stages);
 
   // Uploads the cameras that forward() and backward() refer to by index.
   void set_cameras(const std::vector<Camera>& cameras);
 
   // Renders one view into image(). With for_backward it keeps the data that backward() needs. Waits until the
-  // intersections are counted. Without for_backward, a GPU gets all operations of the view before this wait;
-  // if the lists do not fit, the view is then rendered a second time.
+  // intersections are counted. Without for_backward, all operations of the view are enqueued on a GPU before
+  // this wait. If the capacity of the lists turns out to be too small, the view is rendered a second time.
   ListTotals forward(const SplatView& splats, std::uint32_t camera, const RenderSettings& settings,
                      bool for_backward);
-  // This overload renders several groups. Splats are numbered consecutively in the order of the groups. This
-  // number also decides the order at equal depths.
+  // This overload renders several groups. Splats are numbered consecutively in the order of the groups.
+  // Splats with equal depths are blended in the order of these numbers.
   ListTotals forward(std::span<const RenderGroup> groups, std::uint32_t camera,
                      const RenderSettings& settings, bool for_backward);
-  // Renders for backward without waiting for the size of the lists. The lists can be 1.25 times as long as
-  // those of recent views, if the buffers are large enough; if there is no buffer yet, the call waits. Image
-  // and gradient must not be used before UncountedView::had_room() has returned true. If it returns false,
-  // forward() enlarges the buffers.
+  // Renders one view for a later call of backward(), without waiting for the size of its lists. The lists can
+  // be up to 1.25 times as long as the longest lists of recent views, if the existing buffers are large
+  // enough. If there are no buffers yet, the call waits like forward(). Image and gradient must not be used
+  // before UncountedView::had_room() has returned true. If had_room() returns false, the caller must render
+  // the view again with forward(), which enlarges the buffers.
   UncountedView forward_uncounted(const SplatView& splats, std::uint32_t camera,
                                   const RenderSettings& settings);
-  // Computes the gradient of the last rendered view, from v_image() into v_params, which has the layout of
-  // the parameters and one buffer per group.
+  // Computes the gradient of the parameters for the last rendered view from v_image(), the gradient of its
+  // image. The result is stored in v_params, which has one buffer per group with the layout of the
+  // parameters. With `accumulate`, it is added to the previous contents of v_params.
   void backward(BufferView<float> v_params, bool accumulate);
   void backward(std::span<const BufferView<float>> v_params, bool accumulate);
-  // The two halves of backward(): the first one computes the gradient of the projected splats, and the second
-  // one continues from there.
+  // These are the two halves of backward(). backward_to_records() computes the gradient of the projected
+  // splats, v_records(). backward_from_records() computes the gradient of the parameters from v_records().
   void backward_to_records();
   void backward_from_records(std::span<const BufferView<float>> v_params, bool accumulate);
-  // Parts of a view for which one process projects splats and another process renders them
-  // (shared_renderer.hpp).
+  // The next five functions are for views of which one process projects the splats and another process
+  // renders the image (shared_renderer.hpp).
   // In the process that projects, project_only() computes the records of the visible splats, waits, and
-  // returns their number. take_gradient() later reads the gradients from the same rows; the second half of
-  // backward(), or learn(), must follow.
+  // returns their number. Later, when the same rows contain the gradients of the records, take_gradient()
+  // copies them to v_records(). Then the caller must call backward_from_records() or learn().
   std::uint32_t project_only(const SplatView& splats, std::uint32_t camera, const RenderSettings& settings,
                              DrawnSplats& drawn);
   void take_gradient(const SplatView& splats, std::uint32_t camera, const RenderSettings& settings,
                      const DrawnSplats& drawn);
-  // In the process that renders, the caller stores `drawn` records in drawn_records() and calls
-  // forward_projected(), and then the first half of backward(). take_v_records() swaps `rows` with the buffer
+  // In the process that renders, the caller stores `drawn` records in drawn_records(), calls
+  // forward_projected(), and then calls backward_to_records(). take_v_records() swaps `rows` with the buffer
   // of v_records().
   Buffer<float>& drawn_records(std::uint32_t drawn, bool for_backward);
   ListTotals forward_projected(std::uint32_t drawn, std::uint32_t camera, const RenderSettings& settings,
                                bool for_backward);
   void take_v_records(Buffer<float>& rows) { std::swap(rows, v_records_); }
-  // Waits for the device and returns the gradient with respect to the camera. Must be called after the first
-  // half of backward(). The stages must not have frozen parameters. Throws Error(usage) if the background is
-  // a sky whose colour depends on the direction, because that part of the gradient is not implemented.
+  // Waits for the device and returns the gradient with respect to the camera. Must be called after
+  // backward_to_records(). The stages must not have frozen parameters. Throws Error(usage) if the background
+  // is a sky whose colour depends on the direction, because that part of the gradient is not implemented.
   CameraGradient camera_gradient();
-  // Runs the second half of backward() together with the optimiser step that uses the gradient
-  // (Stages::learn). There must be one group. With `accumulate`, the v_params of `step` hold the gradient of
-  // the earlier views of the step.
+  // Runs backward_from_records() together with the optimiser step that uses the gradient (Stages::learn).
+  // There must be exactly one group. With `accumulate`, the v_params of `step` already contain the gradient
+  // of the earlier views of this optimiser step, and the gradient of the last view is added.
   void learn(bool accumulate, const Regularise& penalty, const AdamStep& step);
 
   ImageShape shape() const { return shape_; }
@@ -134,31 +143,34 @@ class Renderer {
   BufferView<float> depth() const { return depth_.view(); }  // empty unless KernelConfig::depth
   // Returns the gradient of the image, which the caller fills between forward and backward.
   BufferView<float> v_image() const { return v_image_.view(); }
-  // Returns the state of the sky that the settings of the last view had. Training may change it on the
-  // device. It stays until settings with a different sky are used. The view is empty if there is no sky.
+  // Returns the state of the sky that the last view was rendered with. Training may change this state on the
+  // device. It is kept until a view is rendered with settings that contain a different sky. The returned view
+  // is empty if no sky was used yet.
   BufferView<float> sky() const { return sky_.view(); }  // (kSkyState)
-  // Uploads the state that belongs to settings with `sky`. If `state` is empty, the state is that at the
-  // start of training.
+  // Uploads the state of the sky that is used with settings that contain `sky`. If `state` is empty, the
+  // state at the start of training is used: the coefficients of `sky`, and zeros for the optimiser.
   void set_sky(const std::array<float, kSkyNumbers>& sky, std::span<const float> state = {});
-  // Computes the gradient of the sky for the last rendered view, from v_image().
+  // Computes the gradient of the sky's coefficients for the last rendered view from v_image(). Writes it to
+  // `gradient`, starting at index `offset`.
   void sky_gradient(BufferView<float> gradient, std::uint32_t offset);
-  // Returns v_image() for a view of this size before forward() is called. It is filled with zeros, and
-  // forward() does not change it.
+  // Returns v_image() for a view of this size, filled with zeros. It can be called before forward(), which
+  // does not change v_image().
   BufferView<float> v_image(const ImageShape& shape);
   // Returns the projected splats of the last view (splats of all groups, kSplatStride).
   BufferView<float> records() const {
     return {records_.view().memory, static_cast<std::size_t>(count_) * kSplatStride};
   }
-  // Returns the gradient of the projected splats (splats of all groups, kGradStride), after the first half of
-  // backward().
+  // Returns the gradient of the projected splats (splats of all groups, kGradStride). It is valid after
+  // backward_to_records().
   BufferView<float> v_records() const {
     return {v_records_.view().memory, static_cast<std::size_t>(count_) * kGradStride};
   }
   // Returns the inputs and outputs of the rasteriser for the last rendered view. They are valid until the
   // next view.
   RasterForward last_lists() const;
-  // A GPU writes the sorted slots, masks and states of last_lists() only for views with for_backward. After
-  // this call it writes them for every view. Call it before measure_weights(), which reads them.
+  // A GPU writes the sorted slots, masks and states of last_lists() only for views that are rendered with
+  // for_backward. After keep_lists(), it writes them for every view. Call keep_lists() before the view is
+  // rendered if Stages::measure_weights() will read them.
   void keep_lists() { keeps_lists_ = true; }
   // Rasterises the same lists again with the current contents of the records, on a black background.
   void draw_again() {
@@ -166,15 +178,19 @@ class Renderer {
     again.background = {0, 0, 0};
     stages_.raster_forward(again);
   }
+  // These functions return, for each splat of the last view, the number of its tiles and its first slot.
   BufferView<std::uint32_t> tile_counts() const { return tile_counts_.view(); }
   BufferView<std::uint32_t> slot_offsets() const { return slot_offsets_.view(); }
+  // Waits for the device and returns the last rendered view.
   RenderedView download() const;
-  // `staging` is temporary memory. Pass the same vector for every image to reuse it.
+  // Downloads the last rendered view into existing memory. `staging` is temporary memory; pass the same
+  // vector for every image to reuse it.
   void download(const PictureRoom& to, std::vector<std::byte>& staging) const;
-  // Returns the capacity of the lists in (tile, splat) pairs: the maximum of all views so far, plus the
-  // headroom of the buffers.
+  // Returns the capacity of the lists in (tile, splat) pairs. It is at least the maximum number of pairs of
+  // all views so far.
   std::uint64_t intersection_capacity() const { return sorted_ids_.size(); }
-  std::uint64_t intersections() const { return totals_.intersections; }  // of the last forward()
+  // Returns the number of (tile, splat) pairs of the last forward().
+  std::uint64_t intersections() const { return totals_.intersections; }
   std::uint32_t camera_count() const { return static_cast<std::uint32_t>(cameras_.size()); }
 
  private:
@@ -193,9 +209,9 @@ class Renderer {
   bool divides_lists() const {
     return stages_.config().backward && stages_.config().raster == RasterKind::gpu;
   }
-  // Returns the number of intersections for which the lists of a view have room before the intersections are
-  // counted. All buffers are large enough for this number. It is at most 1.25 times the number of
-  // intersections of recent views, because CUDA also sorts unused entries.
+  // Returns the maximum number of intersections that a view may have if it is rendered before its
+  // intersections are counted. All existing buffers are large enough for this number. It is at most 1.25
+  // times the maximum of recent views, because CUDA also sorts the unused entries of the lists.
   std::uint64_t list_room(bool for_backward) const;
   ListTotals forward_counted(std::span<const RenderGroup> groups, std::uint32_t camera,
                              const RenderSettings& settings, bool for_backward);
@@ -209,8 +225,8 @@ class Renderer {
 
   Buffer<float> records_, v_records_;
   Buffer<std::uint32_t> depth_keys_, tile_rects_, tile_counts_, slot_offsets_;
-  Buffer<std::uint64_t> list_totals_;  // (2), of forward_uncounted()
-  std::uint64_t recent_ = 0;           // intersections; see recent_maximum()
+  Buffer<std::uint64_t> list_totals_;  // (2): the numbers that UncountedView::totals() reads
+  std::uint64_t recent_ = 0;           // result of recent_maximum() in renderer.cpp
   Buffer<std::uint32_t> sorted_ids_, sorted_slots_, tile_ranges_, long_lists_;
   Buffer<std::uint16_t> masks_;
   Buffer<float> list_states_;

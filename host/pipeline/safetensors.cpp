@@ -13,7 +13,7 @@
 namespace ubs {
 namespace {
 
-struct Range {  // position of a tensor in the values, in bytes
+struct Range {  // byte range of a tensor, counted from the first byte after the header
   std::size_t begin, end;
   std::string name;
 };
@@ -84,7 +84,7 @@ class HeaderReader {
     const bool pair = json.is_array() && json.size() == 2;
     const auto begin = pair ? size_of(json[0]) : std::nullopt, end = pair ? size_of(json[1]) : std::nullopt;
     if (!begin || !end || *begin > *end || *end > values_.size())
-      refuse(name, "data_offsets {} do not lie in the {} bytes of values", json.dump(), values_.size());
+      refuse(name, "data_offsets {} are not a range of the {} bytes of values", json.dump(), values_.size());
     return {*begin, *end, name};
   }
 

@@ -25,7 +25,8 @@ struct TensorFile {
   const Tensor& at(const std::string& name) const;
 };
 
-// Reads a file. Throws Error(data) with the file and the tensor if the content is not as described above.
+// Reads a file. If its content is not as described above, throws Error(data) with the names of the file and
+// of the tensor.
 TensorFile read_safetensors(const std::filesystem::path& path);
 
 }  // namespace ubs

@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-// SharedRenderer renders views of splats that the ranks of a job share. At any time each rank renders one
-// view. Every rank projects its splats for all of these views. The rank that renders a view receives the
-// records from all ranks and sends their gradients back. The splats of a view are in the order of the model,
-// so image and gradients are bit-identical to those of one process that has all splats. Records and gradients
-// are transferred while the device renders other views: directly from and to device memory if the ranks can
-// access it, and otherwise through host memory.
+// SharedRenderer renders views of a model whose splats are distributed over the ranks of an MPI job. At any
+// time each rank renders at most one view. Every rank projects its own splats for the views of all ranks. The
+// rank that renders a view receives the records from all ranks and sends their gradients back. The splats of
+// a view are in the order of the model, so image and gradients are bit-identical to those of one process that
+// has all splats. Records and gradients are transferred while the device renders other views: directly from
+// and to device memory if the ranks can access it, and otherwise through host memory.
 #pragma once
 
 #include <memory>
@@ -23,8 +23,9 @@ class Freight {
   // call.
   std::span<const std::byte> out(Communicator& ranks, Device& device, const Buffer<float>& rows,
                                  std::size_t bytes);
-  // Returns the address at which rows must be received. After the transfer, the caller must call arrived(),
-  // which copies them to the device if necessary.
+  // Returns the address at which rows must be received: the device buffer `rows`, or host memory if other
+  // ranks cannot access that buffer. After the transfer, the caller must call arrived(), which copies the
+  // rows from host memory to the device if necessary.
   std::byte* in(Communicator& ranks, Buffer<float>& rows, std::size_t bytes);
   void arrived(Device& device, Buffer<float>& rows) const;
 
@@ -35,28 +36,29 @@ class Freight {
 
 class SharedRenderer {
  public:
-  // `drawer` renders this rank's views. It must have the same cameras.
+  // `drawer` renders the complete views of this rank. It must have the same cameras as those passed to
+  // set_cameras().
   SharedRenderer(Communicator& ranks, Device& device, Stages& stages, Renderer& drawer)
       : ranks_(ranks), device_(device), drawer_(drawer), owner_(device, stages) {}
 
   void set_cameras(const std::vector<Camera>& cameras) { owner_.set_cameras(cameras); }
 
-  // This rank's part of the view that one of the ranks renders.
+  // Part holds the splats that this rank contributes to the view of one of the ranks.
   struct Part {
     DrawnSplats drawn;
     Freight freight;
     std::uint32_t count = 0;
   };
-  // The views that the ranks render at the same time. The functions below must be called in this order with
-  // the same Round.
+  // Round describes the views that the ranks render at the same time, one per rank. For each Round, the
+  // functions below must be called in the order of their declaration.
   struct Round {
-    SplatView own;
+    SplatView own;  // the splats of this rank
     RenderSettings settings;
-    std::vector<std::int64_t> cameras;         // by rank
-    std::shared_ptr<std::vector<Part>> parts;  // by rank
-    // Splats of each rank in the view that this rank renders; empty if it renders none.
+    std::vector<std::int64_t> cameras;         // index of each rank's camera, or kNoView
+    std::shared_ptr<std::vector<Part>> parts;  // one Part for the view of each rank
+    // Number of visible splats of each rank in the view that this rank renders. Empty if it renders none.
     std::vector<std::uint32_t> counts;
-    std::unique_ptr<Exchange> on_the_way;
+    std::unique_ptr<Exchange> on_the_way;  // the transfer of records or gradients that is in progress
   };
 
   // Projects the splats and starts to send the records. Rank r renders the view cameras[r], or none if that
@@ -64,13 +66,13 @@ class SharedRenderer {
   Round begin(const SplatView& own, std::vector<std::int64_t> cameras, const RenderSettings& settings);
   // Waits for the records and renders. Returns nothing if this rank renders no view.
   std::optional<ListTotals> forward(Round& round, bool for_backward);
-  // Starts to send the gradients. Must be called after forward() and, on ranks that render a view, after the
-  // first half of backward().
+  // Starts to send the gradients of the records. Must be called after forward() and, on ranks that render a
+  // view, after Renderer::backward_to_records() of `drawer`.
   void send_gradients(Round& round);
-  // Waits for the gradients.
+  // Waits until the gradients of this rank's splats have been received from all ranks that render a view.
   void receive_gradients(Round& round);
-  // Returns a renderer that contains the gradient of the view of `rank`, so that the second half of
-  // backward() or learn() can be called on it.
+  // Returns a renderer that contains the gradient of this rank's records for the view of `rank`. The caller
+  // can then call backward_from_records() or learn() of this renderer.
   Renderer& gradient_of(const Round& round, std::size_t rank);
   Renderer& owner() { return owner_; }
 
@@ -86,10 +88,10 @@ class SharedRenderer {
   Device& device_;
   Renderer& drawer_;         // renders whole views
   Renderer owner_;           // projects this rank's splats to records
-  Buffer<float> gradients_;  // of the splats of all ranks, for the view that this rank has rendered
+  Buffer<float> gradients_;  // of all splats in the view that this rank has rendered
   Freight gradient_freight_;
-  // Parts that are reused by later rounds. There are as many entries as rounds were in progress at the same
-  // time.
+  // Parts that later rounds reuse. Each round in progress uses one entry, so the number of entries is the
+  // maximum number of rounds that were in progress at the same time.
   std::vector<std::shared_ptr<std::vector<Part>>> parts_;
   std::uint64_t sent_ = 0;
 };

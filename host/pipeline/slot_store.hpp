@@ -11,16 +11,17 @@ namespace ubs {
 
 class SlotStore {
  public:
-  // `floats` is the size of a slot (slot_floats()).
+  // `floats` is the number of floats per slot (stage_sizes::slot_floats()).
   SlotStore(Device& device, unsigned floats) : device_(device), floats_(floats) {}
 
-  // Returns the maximum number of slots on a device with as many buffers as the kernels support. Memory that
-  // is already in use is not considered.
+  // Returns the maximum number of slots on a device if as many buffers are used as the kernels support. The
+  // result does not depend on how much memory is already in use.
   static std::uint64_t most(const DeviceInfo& device, unsigned floats);
 
-  // Makes room for this number of slots. When the store grows, its contents are lost. It grows by at least
-  // half if there is memory for that, as Buffer::reserve does. Throws Error(memory) with the numbers if the
-  // memory is not even sufficient for the requested size.
+  // Ensures that the store has at least this number of slots. When it grows, its contents are lost. It then
+  // grows by at least half of its size if there is enough memory, so that slowly increasing requests do not
+  // cause an allocation each time. Throws Error(memory) with the numbers if there is not enough memory for
+  // the requested number of slots.
   void reserve(std::uint64_t slots);
   std::uint64_t size() const { return size_; }  // number of slots
   SlotViews view() const;

@@ -19,7 +19,7 @@ ViewLoss view_loss(Device& device, Stages& stages, Renderer& renderer, std::span
          camera.width, camera.height, expected);
   if (stages.config().frozen != 0)
     fail(ErrorKind::internal,
-         "the gradient of a view contains all parameters, but the stages do not compute some of them");
+         "the gradient of a view requires the gradients of all parameters, but some of them are frozen");
   renderer.set_cameras({camera});
   Buffer<float> target_buffer(device, "target image", target.size());
   target_buffer.upload(target);

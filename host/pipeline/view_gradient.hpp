@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // view_gradient() computes the loss of one view and its gradient with respect to every raw parameter, without
-// regularisers. It is the interface for comparing this implementation with others and with the oracle of the
-// tests.
+// regularisers. It is used to compare this implementation with other implementations and with the float64
+// reference of the tests.
 #pragma once
 
 #include <span>
@@ -16,15 +16,16 @@ struct ViewLoss {
   double l1 = 0, ssim = 0;
 };
 struct ViewGradient : ViewLoss {
-  SplatModel values;  // each parameter is replaced by the derivative of the loss with respect to it
+  SplatModel values;  // contains, in place of each parameter, the derivative of the loss with respect to it
 };
+// The gradient of a model with several groups, and the gradient of the camera if it was requested.
 struct MixedViewGradient : ViewLoss {
   MixedModel values;
   CameraGradient camera;
 };
 
 // Computes the loss and the gradients with an existing renderer, and writes the gradients to the existing
-// buffers v_params. The camera of the renderer is replaced by `camera`. If v_params is empty, the function
+// buffers v_params. The cameras of the renderer are replaced by `camera`. If v_params is empty, the function
 // only computes the loss.
 ViewLoss view_loss(Device& device, Stages& stages, Renderer& renderer, std::span<const RenderGroup> groups,
                    std::span<const BufferView<float>> v_params, const Camera& camera,

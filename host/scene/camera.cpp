@@ -58,7 +58,7 @@ std::vector<Camera> evenly_chosen(std::span<const Camera> cameras, std::size_t m
 double checked_input(double value, const std::string& what) {
   if (!std::isfinite(value)) fail(ErrorKind::data, "{} is not finite", what);
   if (std::abs(value) > kMaxMagnitude)
-    fail(ErrorKind::data, "{} = {:g} is beyond {:g}", what, value, kMaxMagnitude);
+    fail(ErrorKind::data, "{} = {:g} exceeds the maximum of {:g}", what, value, kMaxMagnitude);
   return value;
 }
 

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Camera is a pinhole camera in COLMAP axes (x right, y down, z forward), with the query values of its frame.
+// Camera is a pinhole camera with the axes of COLMAP (x right, y down, z forward). It also contains the time
+// of its image and further query values, on which splats with N > 3 can depend.
 #pragma once
 
 #include <array>
@@ -16,14 +17,14 @@ struct Camera {
   double fx = 1, fy = 1;                                      // focal lengths [px]
   double cx = 0, cy = 0;  // principal point [px]; the centre of pixel (0,0) is (0.5, 0.5)
   int width = 0, height = 0;
-  double time = 0;            // normalised over the training frames (method.md 4.6)
+  double time = 0;            // normalised to the times of the training images (method.md 4.6)
   std::vector<double> extra;  // further query values after time, for N > 7
 
   bool operator==(const Camera&) const = default;
 
   std::array<double, 3> centre() const;  // camera position in the world, -R^T t
-  // Returns the ray through a position in the image, in world coordinates. The point with depth d is centre()
-  // + d ray.
+  // Returns the direction of the ray through a position in the image, in world coordinates. The length is
+  // chosen so that centre() + d ray is the point with depth d.
   std::array<double, 3> ray(double column, double row) const;
 };
 
@@ -32,15 +33,15 @@ inline void take_lens(Camera& to, const Camera& from) {
   to.fx = from.fx, to.fy = from.fy, to.cx = from.cx, to.cy = from.cy;
 }
 
-// Returns at most `most` cameras, evenly spaced and starting with the first.
+// Returns at most `most` of the cameras. Their indices are evenly spaced and start at 0.
 std::vector<Camera> evenly_chosen(std::span<const Camera> cameras, std::size_t most);
 
-// Limits for numbers from files. Products of two such numbers are finite in float32, also after an offset is
-// subtracted.
+// Limits for the numbers of a camera that is read from a file. The product of two numbers within
+// kMaxMagnitude is finite in float32, even if an offset was subtracted from them before.
 inline constexpr double kMaxMagnitude = 1e15;
 inline constexpr double kMinFocal = 1e-6;  // [px]
 inline constexpr int kMaxPixelsAcross = 65535;
-// Kernels index the values of three channels with 31 bits.
+// Kernels use 31-bit indices for the values of an image, which has three channels.
 inline constexpr std::int64_t kMaxPixels = 1 << 29;
 
 // Returns `value`. Throws Error(data) with a message that starts with `what` if it is not finite or exceeds

@@ -10,13 +10,14 @@ namespace {
 
 const Json& camera_member(const Json& json, const char* name) {
   const auto found = json.find(name);
-  if (found == json.end()) fail(ErrorKind::data, "camera: no {}", name);
+  if (found == json.end()) fail(ErrorKind::data, "camera: {} is missing", name);
   return *found;
 }
 
 double camera_number(const Json& json, const char* name) {
   const Json& value = camera_member(json, name);
-  if (!value.is_number()) fail(ErrorKind::data, "camera: {} must be a number", name);  // not true or false
+  // is_number() is false for true and false, which get() would convert to 1 and 0.
+  if (!value.is_number()) fail(ErrorKind::data, "camera: {} must be a number", name);
   return value.get<double>();
 }
 
@@ -61,7 +62,7 @@ Json camera_json(const Camera& c) {
 }
 
 Camera camera_of(const Json& json) {
-  if (!json.is_object()) fail(ErrorKind::data, "camera: not a JSON object");
+  if (!json.is_object()) fail(ErrorKind::data, "camera: the value is not a JSON object");
   Camera c;
   read_numbers(json, "rotation", c.rotation);
   read_numbers(json, "translation", c.translation);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// camera_json() and camera_of() convert a camera to and from JSON. The members have the names of those of
-// Camera.
+// camera_json() and camera_of() convert a camera to and from JSON. The JSON members have the same names as
+// the members of Camera.
 #pragma once
 
 #include "host/base/json.hpp"

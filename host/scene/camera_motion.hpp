@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // CameraMove describes a small motion of a camera. Camera refinement (method.md 4.10) and pose fitting
-// optimise these motions. hold_gauge() removes the common rotation, shift and scaling of all cameras, which
-// no image determines.
+// optimise these motions. hold_gauge() removes the common rotation, translation and scaling of all cameras,
+// which cannot be determined from images.
 #pragma once
 
 #include <array>
@@ -13,26 +13,36 @@
 
 namespace ubs {
 
-RotationMatrix rotation_by(const Vec3& turn);  // returns exp([turn])
-Vec3 turn_of(const RotationMatrix& rotation);  // returns the logarithm, for rotations by less than pi
+// Returns the rotation about the axis `turn` by the angle |turn| in radians, exp([turn]).
+RotationMatrix rotation_by(const Vec3& turn);
+// Returns the inverse of rotation_by(), for rotations by less than pi.
+Vec3 turn_of(const RotationMatrix& rotation);
 
-// Ten numbers, in radians as seen in the image. 0 to 2 rotate the camera about its pivot, which is the point
-// at `depth` on its axis. 3 to 5 shift the pivot, in units of that depth. A pivot is used because a rotation
-// about the camera's own centre looks much like a shift. 6 and 7 are logarithms of the focal lengths. 8 and 9
-// shift the principal point, in units of the focal lengths.
+// A CameraMove consists of ten numbers. They are scaled so that a value of x moves the image content by
+// roughly x radians. Numbers 0 to 2 are a rotation of the camera about its pivot, in radians. The pivot is
+// the point on the optical axis at the distance `depth`. It is used because the effect of a rotation about
+// the camera's own centre on the image is hard to distinguish from that of a translation. Numbers 3 to 5 are
+// a translation of the pivot, in units of `depth`. Numbers 6 and 7 are the logarithms of the factors by which
+// the focal lengths change. Numbers 8 and 9 shift the principal point, in units of the focal lengths. The
+// first kPoseMoves numbers change the pose, and the others change the lens.
 inline constexpr std::size_t kPoseMoves = 6, kCameraMoves = 10;
 using CameraMove = std::array<double, kCameraMoves>;
+// Returns `camera` after the motion.
 Camera moved(const Camera& camera, const CameraMove& move, double depth);
-// Returns the motion from the pose of `from` to that of `to`. The numbers of the lens are 0.
+// Returns the motion that changes the pose of `from` to that of `to`. Its numbers 6 to 9, which change the
+// lens, are 0.
 CameraMove pose_move(const Camera& from, const Camera& to, double depth);
 
-// Returns the given cameras, which have the same position, after one rotation about it and one shift. Both
-// are the mean of those that lead from the given cameras to `moved`. Used for the views of a wide image.
+// Applies one common motion to cameras that have the same position, and returns the result. The motion is a
+// rotation about this position and a translation. It is the mean of the motions that change each given camera
+// to the corresponding camera of `moved`. This is used for the views of a wide image, which must stay at the
+// same position.
 std::vector<Camera> moved_together(std::span<const Camera> given, std::span<const Camera> moved);
 
-// A rotation, shift and scaling of the whole world changes no image, so it can be chosen freely. This
-// function transforms all cameras together so that their mean rotation relative to the given cameras is 0,
-// and their mean centre and mean squared distance from it are those of the given cameras.
+// If the scene and all cameras are rotated, translated and scaled together, no image changes. This common
+// transformation can therefore be chosen freely. hold_gauge() transforms all cameras so that their mean
+// rotation relative to the given cameras is 0. The mean of their centres, and the mean squared distance of
+// the centres from this mean, are then the same as for the given cameras.
 void hold_gauge(std::vector<Camera>& cameras, std::span<const Camera> given);
 
 }  // namespace ubs

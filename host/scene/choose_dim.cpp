@@ -15,12 +15,13 @@
 namespace ubs {
 namespace {
 
-constexpr double kSameDegrees = 0.5;  // images do not resolve changes of a highlight within this angle
+constexpr double kSameDegrees = 0.5;  // smaller changes of the view direction have no visible effect
 constexpr double kSameTime = 1e-9;
-constexpr double kParallelAxes = 1e-6;  // a determinant (pose.hpp); corresponds to a tenth of a degree
+// Minimum determinant for nearest_to_axes(). Optical axes within about 0.1 degrees count as parallel.
+constexpr double kParallelAxes = 1e-6;
 
-// Returns the largest angle between the directions from any two cameras to the point that they look at, in
-// degrees.
+// Returns the largest angle between the directions from any two cameras to the point that is nearest to all
+// optical axes, in degrees. Returns 0 if all cameras have the same position.
 double direction_spread(std::span<const View> views) {
   std::vector<Camera> cameras;
   for (const View& view : views) cameras.push_back(view.camera);
@@ -30,17 +31,17 @@ double direction_spread(std::span<const View> views) {
     if (target) directions.push_back(normalised(*target - camera.centre()));
   }
   if (at_one_place(cameras)) return 0;
-  if (!target) return 180;  // parallel axes: the distance of the scene is unknown
+  if (!target) return 180;  // the optical axes are parallel, so the distance of the scene is unknown
   double least = 1;
   for (std::size_t i = 0; i < directions.size(); ++i)
     for (std::size_t k = 0; k < i; ++k) least = std::min(least, dot(directions[i], directions[k]));
   return std::acos(std::clamp(least, -1.0, 1.0)) * 180 / std::numbers::pi;
 }
 
-// Returns the value of a query dimension after the direction. k = 0 is time.
+// Returns query value k of a camera, not counting the direction. k = 0 is the time.
 double query_value(const Camera& camera, std::size_t k) { return k == 0 ? camera.time : camera.extra[k - 1]; }
 
-// Returns the number of query values up to the last one that differs between views.
+// Returns the number of query values, counted up to the last one that differs between views.
 std::size_t values_that_differ(std::span<const View> views) {
   std::size_t available = kMaxDim - 6;
   for (const View& view : views) available = std::min(available, view.camera.extra.size() + 1);
@@ -74,7 +75,8 @@ DimChoice choose_dim(std::span<const View> train) {
                         : ", seen from different positions";
   else
     why += fmt::format(", seen from one direction (within {:.1g} degrees)", kSameDegrees);
-  // N = 6 always means the direction, never three values without it (kernels/layout.h).
+  // N = 6 always stands for a position and a direction (kernels/layout.h). A model with three or more query
+  // values therefore always includes the direction.
   if (!direction && values > 2) {
     direction = true;
     why += "; the direction is included, because this many query values require it";

@@ -12,12 +12,12 @@ namespace ubs {
 
 struct DimChoice {
   int dim = 6;
-  std::string reason;  // one line: the properties of the data and the conclusion
+  std::string reason;  // one line of text: the properties of the data that led to this choice
 };
 
-// Chooses from the cameras of the training views alone. Time and further query values are used if they differ
-// between views. The direction is used if the scene is seen from directions that differ by more than half a
-// degree. Throws Error(data) if there are no views.
+// Chooses N from the cameras of the training views; images are not read. Time and further query values are
+// used if they differ between views. The direction is used if the scene is seen from directions that differ
+// by more than half a degree. Throws Error(data) if there are no views.
 DimChoice choose_dim(std::span<const View> train);
 
 }  // namespace ubs

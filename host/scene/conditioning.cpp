@@ -15,11 +15,12 @@
 namespace ubs {
 namespace {
 
-// Smaller weights have no effect, and dividing by them would exceed the range of float32.
+// Minimum of a conditioning weight. Smaller weights have no visible effect, and a division by them would
+// exceed the range of float32.
 constexpr double kLeastWeight = 1e-8;
 constexpr int kOpacityQueries = 32;
 
-// A matrix with at most kMaxDim rows and columns.
+// Block is a matrix with at most kMaxDim rows and columns.
 struct Block {
   Block(int rows_, int columns_) : rows(rows_), columns(columns_) {}
   int rows, columns;
@@ -46,8 +47,8 @@ struct Block {
   }
 };
 
-// Returns the lower Cholesky factor of a symmetric matrix. Pivots below `least` are raised to it, and then
-// `raised` is set.
+// Returns the lower Cholesky factor of a symmetric matrix. Diagonal entries of the factor below `least` are
+// raised to `least`. If this happens, `raised` is set.
 Block lower_factor(const Block& a, double least, bool& raised) {
   Block l(a.rows, a.rows);
   for (int j = 0; j < a.rows; ++j)
@@ -87,7 +88,7 @@ Block mirrored_upper(Block a) {
   return a;
 }
 
-// Access to the raw parameters of one splat.
+// RawSplat provides access to the raw parameters of one splat.
 struct RawSplat {
   RawSplat(const SplatModel& from, std::size_t splat) : model(from), l(from.layout()), i(splat) {}
   double at(int row) const { return model.row(row)[i]; }
@@ -97,7 +98,8 @@ struct RawSplat {
   std::size_t i;
 };
 
-// Returns the conditioning weights: min(exp b, 1), sigmoid b for learnt weights, or 1 without weights.
+// Returns one conditioning weight per query dimension. A weight is sigmoid(b) if the variant learns its
+// weights, min(exp(b), 1) if it has other weights, and 1 if it has none. b is the raw parameter.
 std::vector<double> weights_of(const RawSplat& s) {
   std::vector<double> w(static_cast<std::size_t>(s.l.query), 1.0);
   for (int q = 0; q < s.l.query && s.l.variant.beta_cond == BetaCond::on; ++q) {
@@ -121,7 +123,7 @@ Spatial spatial_of(const RawSplat& s) {
   return out;
 }
 
-// Returns the query rows [Lqx, Lq] of a splat with covariance conditioning.
+// Returns the query rows [Lqx, Lq] of the covariance factor of a splat with covariance conditioning.
 Block query_rows(const RawSplat& s) {
   const double ratio =
       s.l.variant.cov_mode == CovMode::whiten ? UBS_QUERY_SCALE_WHITEN : UBS_QUERY_SCALE_RELATIVE;
@@ -137,7 +139,7 @@ Block query_rows(const RawSplat& s) {
   return out;
 }
 
-// Returns the lower factor of the query precision of a splat with direct conditioning.
+// Returns the lower Cholesky factor of the query precision matrix of a splat with direct conditioning.
 Block precision_factor(const RawSplat& s) {
   Block out(s.l.query, s.l.query);
   for (int i = 0; i < s.l.query; ++i) {
@@ -154,7 +156,8 @@ double least_axis(const Block& covariance) {
          std::sqrt(std::max({covariance.e[0][0], covariance.e[1][1], covariance.e[2][2], 1e-30}));
 }
 
-// Returns the mean change of the opacity factor when the residuals are computed with L^T instead of Lh^-1.
+// Returns the mean change of the opacity factor when the residuals are computed with L^T instead of Lh^-1. Lh
+// is the Cholesky factor of the query covariance, and L that of the query precision (`precision`).
 double opacity_change(const RawSplat& s, const Block& lh, const Block& precision) {
   if (s.l.variant.beta_opacity != BetaOpacity::tanh) return 0;
   const CounterRandom random(0, 0);
@@ -229,7 +232,9 @@ Reconditioned to_direct(const SplatModel& model) {
     const Block query = rows * rows.transposed();
     const Block lh = lower_factor(query, UBS_PIVOT_ABSOLUTE, raised), inverse = lower_inverse(lh);
     const Block precision = inverse.transposed() * inverse, cross = m * coupling.transposed();
-    // The conditional is mu = mu_x + G x, V = Sigma_x - G X^T (method.md 2.3).
+    // For a query at the offset x from the query mean, the conditional mean is mu_x + G x, and the
+    // conditional covariance is Sigma_x - G X^T (method.md 2.3). G is `gain`, and X is the cross covariance
+    // `cross`.
     const Block gain = s.l.variant.cov_mode == CovMode::whiten
                            ? cross * inverse.transposed() * diagonal(w, 1) * inverse
                            : cross * precision * diagonal(w, 1);
@@ -263,7 +268,8 @@ Reconditioned to_covariance(const SplatModel& model) {
     Block moved(3, s.l.query);
     for (int q = 0; q < s.l.query; ++q)
       for (int c = 0; c < 3; ++c) moved.e[c][q] = scale * s.triangle(q + 3, c);
-    // Find X with X P diag(w) = V_pq diag(w) P.
+    // Find the cross covariance X with X P diag(w) = C diag(w) P, where P is the query precision and C is
+    // `moved`. If the result has no weights, the left side is X P.
     const bool weighted = out.model.variant.beta_cond == BetaCond::on;
     const Block gain = moved * diagonal(w, 1) * precision;
     const Block cross = weighted ? gain * diagonal(w, -1) * query : gain * query;

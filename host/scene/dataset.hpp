@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Split is the result of a loader: named views with cameras and, if the files exist, 8-bit images that are
-// already composited on the background. Images are in memory, or are decoded on demand if they do not fit
-// there.
+// Split is the result of a loader. It contains named views. Each view has a camera and, if the image file
+// exists, an 8-bit image that is already composited on the background. Images are kept in memory, or decoded
+// on demand if they do not fit into memory.
 #pragma once
 
 #include <array>
@@ -20,7 +20,7 @@ namespace ubs {
 struct Image8 {
   int width = 0, height = 0;
   std::vector<std::uint8_t> rgb;     // (height, width, 3)
-  std::vector<std::uint8_t> mask{};  // (height, width); 0: the pixel does not count; empty: all pixels count
+  std::vector<std::uint8_t> mask{};  // (height, width); 0: the pixel is ignored; empty: no pixel is ignored
 };
 
 // Converts (height, width, 3) to (3, height, width).
@@ -50,14 +50,14 @@ struct View {
   Camera camera;
   Image8 image;  // empty (width 0) if there is no image, or if `source` provides it
   std::shared_ptr<const ImageSource> source;
-  bool masked = false;    // the image comes with a mask
-  bool opaque = false;    // the file is known to have no alpha, so the image contains no background
-  std::string part_of{};  // name of the wide image, if the view shows a part of one
-  std::shared_ptr<const WideImage> wide{};  // that image, if it is stored and images are loaded
-  std::array<double, 9> turn_in_wide{1, 0, 0, 0, 1, 0, 0, 0, 1};  // camera of that image -> `camera`
+  bool masked = false;    // the image has a mask
+  bool opaque = false;    // the image file has no alpha, so no background was composited
+  std::string part_of{};  // name of the wide image that the view shows a part of; otherwise empty
+  std::shared_ptr<const WideImage> wide{};  // the wide image; null if it is not available
+  std::array<double, 9> turn_in_wide{1, 0, 0, 0, 1, 0, 0, 0, 1};  // wide camera -> `camera`
   // Image file; empty if there is no image, or if it is in a video or packed file.
   std::filesystem::path file{};
-  // Background of the image, if it is not that of the settings. Only used for training.
+  // Background of the image if it differs from the background in the settings. Only used for training.
   std::optional<std::array<float, 3>> background{};
 
   bool has_image() const { return source != nullptr || !image.rgb.empty(); }

@@ -16,8 +16,8 @@ double scene_extent(std::span<const View> views);
 // Returns the largest distance of a camera from the first one.
 double position_spread(std::span<const Camera> cameras);
 
-// Returns whether all cameras have the same position, apart from rounding: within 1e-7 of the distance from
-// the origin.
+// Returns whether all cameras have the same position, apart from rounding. The distance of each camera from
+// the first must be at most 1e-7 times the largest distance of a camera from the origin.
 bool at_one_place(std::span<const Camera> cameras);
 
 }  // namespace ubs

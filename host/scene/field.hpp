@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Field describes one member of a settings struct. Command line, YAML, --set and output all use the same
-// table of fields.
+// Field describes one member of a settings struct. The command line, YAML files, --set and the output of
+// settings all use the same table of fields.
 #pragma once
 
 #include <cstdint>
@@ -17,14 +17,14 @@
 
 namespace ubs {
 
-// Value of a real field that will be chosen from the data; written and read as "auto".
+// Marks a real-valued field whose value will be chosen from the data. It is written and read as "auto".
 inline constexpr double kAuto = -std::numeric_limits<double>::infinity();
-// Value of an integer field that will be chosen from the data. No such field has negative numbers in its
-// range.
+// Marks an integer field whose value will be chosen from the data. It is also written and read as "auto". The
+// fields that allow it have no negative values.
 inline constexpr int kAutoInt = -1;
 
-// ChoiceRef refers to a member that is an enumeration. Its numbers are the positions of the words in
-// Field::choices.
+// ChoiceRef refers to a member that is an enumeration. The number of an enumerator is the index of its word
+// in Field::choices.
 struct ChoiceRef {
   void* value;
   int (*get)(const void* value);
@@ -40,18 +40,18 @@ ChoiceRef choice(Settings& settings) {
           [](void* at, int number) { *static_cast<E*>(at) = static_cast<E>(number); }};
 }
 
-// The uses of a field in addition to training.
+// FieldUse contains flags that describe where a field is used, and what depends on it.
 enum FieldUse : unsigned {
-  kOfKernels = 1,     // specialises kernels, like N, `raster` and the variant of the model
+  kOfKernels = 1,     // is compiled into kernels, like N, `raster` and the variant of the model
   kFreeOnResume = 2,  // may change when a run is resumed
-  kOfDrawing = 4,     // changes the images of a trained model; stored in model files
+  kOfDrawing = 4,     // changes the renders of a trained model; is stored in model files
   kOfReading = 8,     // determines how data are read
-  kSetFirst = 16,     // important for most users: shown by --help; --help-all shows all fields
+  kSetFirst = 16,     // is shown by --help, which only shows the fields that most users need
 };
 
 template <typename Settings>
 struct Field {
-  const char* key;  // snake_case; the option is --key with hyphens
+  const char* key;  // name in snake_case; the command-line option has hyphens instead of underscores
   const char* help;
   std::variant<int Settings::*, std::uint64_t Settings::*, double Settings::*, bool Settings::*,
                std::string Settings::*, Background Settings::*, IndexRange Settings::*,

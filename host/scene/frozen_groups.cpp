@@ -63,7 +63,8 @@ SplatGradientNeeds splat_gradient_needs(const ParameterLayout& layout, std::uint
                                         bool query_grad) {
   const auto learns = [&](const char* group) { return !is_frozen(frozen, group); };
   SplatGradientNeeds needs;
-  // Betas are weights of the conditioning, so they change mean and covariance.
+  // The betas of query dimensions are weights of the conditioning, so they change the mean and the covariance
+  // of a splat.
   needs.shape = learns("xyz") || learns("scale") || learns("l_triangle") ||
                 (layout.query > 0 && (learns("mean") || (layout.variant.has_query_beta() && learns("beta"))));
   needs.opacity = needs.shape || learns("opacity");

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // frozen_groups() determines the parameter groups that a run does not train. They have no gradient, no
-// moments and no Adam step. A set of groups is a bit mask with the numbers of kernels/layout.h (UBS_FROZEN).
+// moments and no Adam step. A set of groups is stored as a bit mask, in which the bits have the numbers of
+// the groups in kernels/layout.h (UBS_FROZEN).
 #pragma once
 
 #include <cstdint>
@@ -10,14 +11,16 @@
 
 namespace ubs {
 
-// Parses `names`, which are groups of the layout separated by commas ("xyz,rgb"); empty: none. Throws
-// Error(usage) if the model has no group of that name, if a name is repeated, or if nothing would be trained.
+// Parses the names of groups of the layout, separated by commas ("xyz,rgb"), and returns their set. An empty
+// text gives an empty set. Throws Error(usage) if the model has no group of that name, if a name is repeated,
+// or if no parameter would be trained.
 std::uint32_t frozen_groups(const ParameterLayout& layout, const std::string& names);
 bool is_frozen(std::uint32_t frozen, const std::string& group);
-// Returns the number of rows that are trained.
+// Returns the number of parameter rows that are trained.
 int trained_rows(const ParameterLayout& layout, std::uint32_t frozen);
 
-// The gradients of a projected splat that the trained groups need.
+// SplatGradientNeeds states which gradients of a projected splat are needed to train the groups that are not
+// frozen.
 struct SplatGradientNeeds {
   bool shape = true;  // mean and conic
   bool opacity = true, beta = true, colour = true;

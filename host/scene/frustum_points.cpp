@@ -10,8 +10,9 @@ namespace ubs {
 namespace {
 
 constexpr std::uint32_t kStream = 0x66727573;
-constexpr std::uint8_t kGrey = 127;  // as in the random initialisation (method.md 1.3)
+constexpr std::uint8_t kGrey = 127;  // colour without a pixel, as for random splats (method.md 1.3)
 
+// Gives each point the colour of the pixel through which its ray was sampled.
 void take_colours(PointCloud& cloud, std::span<const View> views, const CounterRandom& random) {
   for (std::size_t v = 0; v < std::min(views.size(), cloud.positions.size()); ++v) {
     if (!views[v].has_image()) continue;
@@ -21,7 +22,7 @@ void take_colours(PointCloud& cloud, std::span<const View> views, const CounterR
         return std::min(size - 1, static_cast<int>(random.uniform(i, draw) * size));
       };
       const int at = pixel(2, image.height) * image.width + pixel(1, image.width);
-      // The point stays grey.
+      // The colour of a masked pixel is not valid, so the point stays grey.
       if (!image.mask.empty() && image.mask[static_cast<std::size_t>(at)] == 0) continue;
       std::copy_n(image.rgb.begin() + std::ptrdiff_t{3} * at, 3, cloud.colours[i].begin());
     }

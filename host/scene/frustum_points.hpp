@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// sample_frusta() creates random initial points in the region that the cameras see, between depth bounds
-// (LLFF, N3V).
+// sample_frusta() creates random initial points in the region that the cameras see, between given depth
+// bounds. Data in the layouts LLFF and N3V contain such bounds.
 #pragma once
 
 #include <array>
@@ -13,10 +13,12 @@
 
 namespace ubs {
 
-enum class PointColours { grey, pixels };  // pixels: colour of the pixel through which the point was placed
+// The colour of the points: all grey, or the colour of the pixel at which a point was placed.
+enum class PointColours { grey, pixels };
 
-// Returns points at random pixels of the views, uniform in inverse depth between near and far, so that they
-// are equally dense in every image. There must be one pair of bounds per view.
+// Returns `count` points. Each point is placed at a random pixel of a view, at a random depth between the
+// bounds of the view. The inverse depth is distributed uniformly. `bounds` contains the nearest and the
+// farthest depth of each view.
 PointCloud sample_frusta(std::span<const View> views, std::span<const std::array<double, 2>> bounds,
                          std::size_t count, std::uint64_t seed, PointColours colours = PointColours::grey);
 

@@ -8,7 +8,8 @@
 namespace ubs {
 namespace {
 
-// Maximum number of images that are prefetched and not yet fetched; more would only fill the budget.
+// Maximum number of images that are prefetched and not yet fetched. A larger number would fill the memory
+// budget without saving time.
 constexpr std::size_t kMaxAhead = 8;
 
 std::size_t image_bytes(const Image8& image) { return image.rgb.size() + image.mask.size(); }
@@ -86,8 +87,8 @@ std::shared_ptr<const Image8> ImagePool::get(std::size_t index) {
   return entry.image;
 }
 
-// Decodes an image. On return the entry is ready. It either has an image, or it has an error and no place in
-// the list of recent images.
+// Decodes an image. On return the entry is ready. It either has an image and a place in recent_, or it has an
+// error and no place in recent_.
 void ImagePool::decode(std::unique_lock<std::mutex>& lock, std::size_t index) {
   entries_[index].state = State::decoding;
   const std::shared_ptr<const ImageSource> source = entries_[index].source;
@@ -115,8 +116,8 @@ void ImagePool::decode(std::unique_lock<std::mutex>& lock, std::size_t index) {
   image_ready_.notify_all();
 }
 
-// Drops the least recently used images until the budget is kept. Images that were prefetched, and image
-// `keep`, stay.
+// Drops the least recently used images until the rest fits into the budget. Image `keep`, and images that
+// were prefetched and not yet fetched, are not dropped.
 void ImagePool::make_room(std::size_t keep) {
   for (auto it = recent_.begin(); bytes_ > budget_ && it != recent_.end();) {
     Entry& entry = entries_[*it];

@@ -26,17 +26,17 @@ class ImagePool {
   ImagePool(const ImagePool&) = delete;
   ImagePool& operator=(const ImagePool&) = delete;
 
-  // Returns the number of the image. Does not decode it yet.
+  // Adds an image and returns its index for get() and prefetch(). Does not decode it yet.
   std::size_t add(std::shared_ptr<const ImageSource> source);
   // Returns an image. If a thread is decoding it, the call waits. If it is not being decoded, the call
   // decodes it in this thread. Rethrows errors of decoding.
   std::shared_ptr<const Image8> get(std::size_t index);
-  // Requests an image that will be needed soon. Does nothing if the image is there, or if the budget is full
-  // of images that were prefetched and not yet fetched.
+  // Requests an image that will be needed soon. Does nothing if the image is already in memory, or if too
+  // many images were prefetched and not yet fetched: more than eight, or more than fit into the budget.
   void prefetch(std::size_t index);
 
   std::size_t peak_bytes() const;  // maximum of the memory in use so far
-  std::size_t decoded() const;     // how often an image was decoded
+  std::size_t decoded() const;     // number of decoded images; an image counts each time it is decoded
 
  private:
   enum class State { absent, queued, decoding, ready };

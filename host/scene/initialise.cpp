@@ -17,13 +17,14 @@ namespace {
 
 using Positions = std::span<const std::array<float, 3>>;
 
-// Each parameter group has its own random stream, so that adding a group does not change the numbers of the
-// others.
+// Each parameter group has its own random stream, so that a new group does not change the random numbers of
+// the other groups.
 enum InitialStream : std::uint32_t { kPositions, kMeans, kQueryScales, kTriangle, kLobes };
 
 constexpr std::size_t kNeighbours = 3;
 constexpr double kMinScale = 1e-7;
-// A single point has no neighbour distance; this scale is visible in a scene of unit size.
+// Neighbour distance of a single point, which has no neighbours. A splat of this size is visible in a scene
+// of unit size.
 constexpr double kLonePointScale = 0.1;
 constexpr double kJitter = 1e-5;  // standard deviation of the noise that breaks the symmetry of equal entries
 
@@ -59,14 +60,14 @@ double neighbour_distance(const Tree& tree, Positions positions, std::size_t i) 
 void check_points(Positions positions, std::size_t colours) {
   if (positions.empty()) fail(ErrorKind::data, "initialisation needs at least one point");
   if (positions.size() != colours)
-    fail(ErrorKind::internal, "{} points, but {} colours", positions.size(), colours);
+    fail(ErrorKind::internal, "{} points need as many colours, but there are {}", positions.size(), colours);
   for (std::size_t i = 0; i < positions.size(); ++i)
     for (const float coordinate : positions[i])
       if (!std::isfinite(coordinate)) fail(ErrorKind::data, "initial point {} is not finite", i);
 }
 
-// Draws the means of the query dimensions: uniform in (-1, 1) for the direction, and in (0, 1) for all
-// others.
+// Sets the means of the query dimensions to uniform random numbers, in (-1, 1) for the direction and in (0,
+// 1) for the other query dimensions.
 void draw_means(SplatModel& model, std::uint64_t seed) {
   const ParameterLayout layout = model.layout();
   const CounterRandom random(seed, kMeans);
@@ -79,7 +80,8 @@ void draw_means(SplatModel& model, std::uint64_t seed) {
   }
 }
 
-// Draws the axes of the lobes uniformly on the sphere. Their raw colours and betas are initially 0.
+// Sets the axes of the lobes to random directions, distributed uniformly on the sphere. The raw colours and
+// betas of the lobes remain 0.
 void draw_lobes(SplatModel& model, std::uint64_t seed) {
   const int lobes = model.variant.lobes(), first = model.layout().rgb + 3;
   const CounterRandom random(seed, kLobes);
@@ -125,8 +127,8 @@ double raw_colour(double value, const ModelVariant& variant) {
 void fill_betas(SplatModel& model, const InitOptions& options) {
   const ParameterLayout layout = model.layout();
   if (!model.variant.has_query_beta()) return;
-  // Learnt weights are not exponents, so a low beta would not make the splats visible from more directions.
-  // They start at 1/2.
+  // With learnt weights, the parameters are not exponents of the opacity, and low values would not make
+  // splats visible from more directions. Their raw values are 0, which is a weight of 1/2.
   const double beta_dir =
       options.beta_dir.value_or(model.dim == 7 && !model.variant.learnt_weights() ? -3.0 : 0.0);
   const int directions = layout.query >= 3 ? 3 : 0;

@@ -20,10 +20,10 @@ struct MixedModel {
   explicit MixedModel(std::vector<SplatModel> several) : groups(std::move(several)) {}
 
   bool mixed() const { return groups.size() > 1; }
-  // N of the first group, which is the largest one in files written by ubs.
+  // Returns N of the first group. In files written by ubs, this is the group with the most splats.
   int dim() const { return groups.front().dim; }
   const ModelVariant& variant() const { return groups.front().variant; }
-  bool has_time() const;           // whether any group has a time dimension
+  bool has_time() const;           // returns whether any group has a time dimension
   std::size_t count() const;       // number of splats
   std::size_t parameters() const;  // number of floats
   // Returns the only group. Throws Error(usage) with a message that starts with `what` if there are several

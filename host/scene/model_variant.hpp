@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // ModelVariant describes the variant of the method that a model was trained with (method.md 8,
-// docs/variants.md): it determines the meaning of the parameters and how the model is rendered. The value 0
-// of every enumeration is the published variant; the numbers are those of kernels/variant.h. Switches that
-// are not at their default are recorded in model files as comment lines `ubs <key> <value>`.
+// docs/variants.md). The variant determines the meaning of the parameters and how the model is rendered. It
+// consists of several switches, each of which is an enumeration. The value 0 of each enumeration is the
+// published one, and the numbers are the same as in kernels/variant.h. Model files contain a comment line
+// `ubs <key> <value>` for each switch that is not at its default.
 #pragma once
 
 #include <array>
@@ -41,14 +42,15 @@ struct ModelVariant {
   bool has_spatial_beta() const { return kernel == SpatialKernel::beta; }
   bool has_query_beta() const { return beta_cond == BetaCond::on || beta_opacity == BetaOpacity::tanh; }
   bool direct() const { return conditioning == Conditioning::direct; }
-  // Returns whether the weights of direct conditioning are parameters of their own. They are stored in the
-  // rows of the query betas.
+  // Returns whether the conditioning weights of direct conditioning are separate parameters. If so, they are
+  // stored in the rows of the query betas.
   bool learnt_weights() const {
     return direct() && beta_opacity != BetaOpacity::tanh && beta_cond == BetaCond::on;
   }
 };
 
-// A switch with its allowed values, in the order of the enumeration, separated by |.
+// VariantSwitch describes one switch. `values` contains its allowed values in the order of the enumeration,
+// separated by |.
 struct VariantSwitch {
   const char* key;    // key in settings and files
   const char* macro;  // macro in kernels/variant.h
@@ -65,6 +67,7 @@ inline constexpr std::array<VariantSwitch, 9> kVariantSwitches{{
     {"antialias", "UBS_ANTIALIAS", "off|on"},
     {"conditioning", "UBS_DIRECT", "covariance|direct"},
 }};
+// Returns the allowed values of the switch `key`, or null if there is no such switch.
 constexpr const char* variant_values(std::string_view key) {
   for (const VariantSwitch& s : kVariantSwitches)
     if (key == s.key) return s.values;

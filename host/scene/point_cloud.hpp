@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// PointCloud holds coloured points that a model is initialised from. They come from structure from motion or
-// from a points3d.ply.
+// PointCloud holds coloured points from which a model is initialised. The points come from structure from
+// motion, from a file points3d.ply, or from ubs itself.
 #pragma once
 
 #include <array>

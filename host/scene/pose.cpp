@@ -35,7 +35,8 @@ Quaternion slerp(const Quaternion& a, const Quaternion& b, double s) {
   const double sign = cosine < 0 ? -1 : 1;  // q and -q are the same rotation
   cosine = std::min(1.0, std::abs(cosine));
   double from = 1 - s, to = s;
-  // For smaller angles, sin(angle) loses digits, and linear interpolation is as good.
+  // Linear interpolation is used if the angle is very small, because it is then accurate enough and a
+  // division by sin(angle) is not.
   if (cosine < 1 - 1e-9) {
     const double angle = std::acos(cosine);
     from = std::sin((1 - s) * angle) / std::sin(angle);
@@ -45,8 +46,8 @@ Quaternion slerp(const Quaternion& a, const Quaternion& b, double s) {
   return unit({from * a.w + to * b.w, from * a.x + to * b.x, from * a.y + to * b.y, from * a.z + to * b.z});
 }
 
-// Computes the largest of the four components from the diagonal and divides by it, so that there is no
-// cancellation.
+// The largest of the four components is computed from the diagonal, and the others by a division by this
+// component. This avoids cancellation.
 Quaternion quaternion(const std::array<double, 9>& m) {
   const double w = 1 + m[0] + m[4] + m[8], x = 1 + m[0] - m[4] - m[8], y = 1 - m[0] + m[4] - m[8],
                z = 1 - m[0] - m[4] + m[8];  // four times the squares of the components
@@ -113,7 +114,8 @@ Vec3 view_direction(const Camera& camera) {
   return normalised(camera.ray(0.5 * camera.width, 0.5 * camera.height));
 }
 
-// Solves the equations by Cramer's rule. The matrix is symmetric, so its rows are its columns.
+// Solves the normal equations with Cramer's rule. The matrix is symmetric, so a[i] is both its row i and its
+// column i.
 std::optional<Vec3> nearest_to_axes(std::span<const Camera> cameras, double least) {
   std::array<Vec3, 3> a{};
   Vec3 b{};

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// RenderedView is a host copy of a rendered view, unpadded and interleaved.
+// RenderedView is a copy of a rendered view in host memory. Its rows have no padding, and the three colour
+// values of a pixel are adjacent.
 #pragma once
 
 #include <vector>

@@ -22,7 +22,7 @@ std::vector<double> depths_seen(const Camera& c, const PointCloud& points, std::
   return depths;
 }
 
-// An image that another view holds in memory.
+// HeldImage refers to an image that another view holds in memory, and does not copy it.
 class HeldImage : public ImageSource {
  public:
   explicit HeldImage(const Image8& image) : image_(image) {}

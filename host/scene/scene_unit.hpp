@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // The functions of this file convert a scene to the unit of length in which it is trained, and back
-// (method.md 4.4). Data may have any unit: metres, or an arbitrary unit from structure from motion. But
-// training contains absolute numbers (the softplus of scales, the noise of positions, the near plane).
-// Therefore cameras and points are divided by a characteristic length of the scene before training, and the
-// model is multiplied by it afterwards.
+// (method.md 4.4). Data may have any unit: metres, or an arbitrary unit from structure from motion. But some
+// computations of the training depend on the unit: the softplus of scales, the noise of positions, and the
+// near plane. Therefore cameras and points are divided by a characteristic length of the scene before
+// training, and the model is multiplied by it afterwards.
 #pragma once
 
 #include <optional>
@@ -20,20 +20,20 @@ namespace ubs {
 // the points in their images. Returns nothing if no camera sees at least ten points.
 std::optional<double> median_depth(std::span<const Camera> cameras, const PointCloud& points);
 
-// Returns whether a model with this variant can be multiplied by a length. With cov_param skew_nd this is
-// impossible, because its matrix combines lengths and query values.
+// Returns whether all lengths of a model with this variant can be multiplied by a factor. With cov_param =
+// skew_nd this is impossible, because its matrix combines lengths and query values.
 bool has_free_unit(const ModelVariant& variant);
 
 // These functions multiply all lengths by `factor` > 0. In a model they change positions and scales. With
-// cov_param cholesky they also change the entries of the Cholesky factor that combine two position axes.
-// Cameras that are scaled by the same factor see the same images of the model.
+// cov_param = cholesky they also change the entries of the Cholesky factor that combine two position axes. If
+// a model and its cameras are scaled by the same factor, the rendered images do not change.
 void scale_lengths(SplatModel& model, double factor);
 void scale_lengths(Camera& camera, double factor);
 void scale_lengths(PointCloud& points, double factor);
 void scale_lengths(Split& split, double factor);
 
-// Converts the settings so that they apply to data that are divided by settings.unit. An automatic unit
-// counts as 1.
+// Converts the lengths in the settings for a training whose cameras and points are divided by settings.unit.
+// If the unit is automatic, no length is changed.
 TrainSettings in_unit(TrainSettings settings);
 // Returns the same views with the positions of the cameras divided by `unit`. The returned views refer to the
 // images in memory of `split` and do not copy them, so `split` must outlive the returned views.

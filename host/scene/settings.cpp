@@ -65,8 +65,8 @@ std::string range_text(const FieldValue& field) {
   return "";
 }
 
-// Parses FIRST:END:STEP. If the field is automatic, FIRST, FIRST:END and an empty text, which means
-// everything, are allowed too.
+// Parses FIRST:END:STEP. If the field is automatic, FIRST and FIRST:END are allowed too, and so is an empty
+// text, which selects everything.
 bool assign_range(const FieldValue& field, std::string_view text, IndexRange& to) {
   IndexRange range;
   const auto parts = split(text, ':');
@@ -149,7 +149,7 @@ bool assign(const FieldValue& field, std::string_view text) {
                                return true;
                              },
                              [&](std::uint64_t* to) {
-                               const auto value = parse<std::uint64_t>(text);  // exact over all 64 bits
+                               const auto value = parse<std::uint64_t>(text);  // exact for all 64-bit values
                                if (!value || !inside(static_cast<double>(*value))) return false;
                                *to = *value;
                                return true;
@@ -237,7 +237,7 @@ std::size_t edit_distance(std::string_view a, std::string_view b) {
 
 std::string nearest_word(std::string_view word, std::span<const std::string> known) {
   std::string best;
-  std::size_t least = 2 + word.size() / 5;  // with this many differences it is a different word
+  std::size_t least = 2 + word.size() / 5;  // words with this many differences are not suggested
   for (const std::string& candidate : known)
     if (const std::size_t d = edit_distance(word, candidate); d < least) {
       least = d;
@@ -273,7 +273,7 @@ std::string field_domain(const FieldValue& field) {
                },
                [&](IndexRange*) {
                  return fmt::format("FIRST:END:STEP{}{}", range,
-                                    field.automatic ? ", or nothing for all" : "");
+                                    field.automatic ? ", or an empty text for all" : "");
                },
                [&](const ChoiceRef&) { return std::string(field.choices); }},
       field.value);

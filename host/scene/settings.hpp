@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // This file declares the functions that read and write settings as text, YAML and JSON, for any struct that
-// has a table of fields. Every reader rejects unknown keys (and suggests the nearest known one), values out
-// of range, and NaN.
+// has a table of fields. Every reader rejects unknown keys, values out of range, and NaN. For an unknown key,
+// the message suggests the most similar known key.
 #pragma once
 
 #include <filesystem>
@@ -18,8 +18,8 @@ namespace ubs {
 
 using FieldValues = std::span<const FieldValue>;
 
-// Returns the value in the form that set_field() and the YAML reader accept: the shortest text that gives the
-// same number, "auto" for kAuto, "r,g,b" for triples.
+// Returns the value as a text that set_field() and the YAML reader accept. Numbers have the fewest digits
+// that give the same number again. Automatic values are "auto", and colours are "r,g,b".
 std::string field_text(const FieldValue& field);
 // Returns "r,g,b", the 27 numbers of a sky, "learn", "sky" or "auto".
 std::string to_string(const Background& background);
@@ -27,23 +27,25 @@ std::string to_string(const Background& background);
 // >= 0", "cpu|gpu".
 std::string field_domain(const FieldValue& field);
 
-// Parses integers in the forms that people and YAML tools write, which include "1e4", "30000.0", "7k", "300K"
-// and "1.5M". Returns nothing for other texts.
+// Parses an integer. Texts such as "1e4", "30000.0", "7k", "300K" and "1.5M", which users and YAML tools
+// write, are allowed too. Returns nothing if the text is not an integer.
 std::optional<double> parse_whole(std::string_view text);
 
-// Sets the field `key`. Throws Error(usage) with a message that starts with `origin` ("--set",
-// "run.yaml:3:1").
+// Sets the field `key` to the value that `text` contains. `origin` is the source of the value, such as
+// "--set" or "run.yaml:3:1". If the key is unknown or the value is not allowed, throws Error(usage) with a
+// message that starts with `origin`.
 void set_field(FieldValues fields, std::string_view key, std::string_view text, std::string_view origin);
-// Sets a field from "key=value". Returns the key.
+// Sets a field from a text "key=value", and returns the key.
 std::string set_field(FieldValues fields, std::string_view assignment, std::string_view origin);
 
-// Reads a flat mapping of keys to values, with triples as [r, g, b] or "r,g,b". An empty file sets nothing.
-// Returns the keys. Throws Error(data) with file:line:column if the file is unreadable or malformed, or a
-// value is wrong.
+// Reads a YAML file with a flat mapping of keys to values, sets these fields, and returns the keys. Lists of
+// numbers, such as colours, can be written as [r, g, b] or "r,g,b". An empty file sets nothing. Throws
+// Error(data) if the file cannot be read, is malformed, or contains a value that is not allowed. The message
+// contains file, line and column.
 std::vector<std::string> load_yaml(FieldValues fields, const std::filesystem::path& path);
 
-// Returns all fields, with their help texts as comments. load_yaml() restores every value exactly from this
-// text.
+// to_yaml() returns all fields as YAML, with their help texts as comments. load_yaml() restores every value
+// exactly from this text. to_json() returns all fields as a JSON object.
 std::string to_yaml(FieldValues fields);
 nlohmann::ordered_json to_json(FieldValues fields);
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// This file implements the YAML functions of settings.hpp. YamlReader reads; writing a flat mapping needs no
-// library.
+// This file implements the YAML functions of settings.hpp. Reading uses YamlReader. Writing needs no library,
+// because the file is a flat mapping.
 #include <fmt/format.h>
 
 #include "host/base/text.hpp"

@@ -11,7 +11,7 @@
 namespace ubs {
 namespace {
 
-// The functions of kernels/math for one N and one kind of conditioning.
+// Formulas holds the functions of slice.hpp for one N and one kind of conditioning.
 struct Formulas {
   Slice (*slice)(const double*, const QueryValues&);
   double (*log_factor)(const double*, const QueryValues&);
@@ -41,7 +41,8 @@ bool Slicer::knows(const ModelVariant& variant) {
   return published == variant;
 }
 
-// Copies the rows of the published variant. Rows that only other kernel shapes or colours have are skipped.
+// Copies the parameters of the splat to the rows that they have in the published variant. The colours are not
+// copied, because a slice does not depend on them.
 Slicer::Slicer(const SplatModel& model, std::size_t splat)
     : dim_(model.dim), direct_(model.variant.direct()) {
   const ParameterLayout from = model.layout(), to(model.dim, {});

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Slicer computes the conditional mean, covariance and opacity of a splat at a query (direction, time, ...)
-// (method.md 2.3, 2.4, 9), in double precision on the host. It serves tools that examine single splats. It
-// supports the published variant, and this variant with direct conditioning.
+// (method.md 2.3, 2.4, 9), in double precision on the host. It is used by tools that examine single splats.
+// knows() returns which variants are supported.
 #pragma once
 
 #include <array>
@@ -19,14 +19,14 @@ using QueryValues = std::array<double, kMaxQuery>;
 struct Slice {
   double opacity = 0;
   std::array<double, 3> mean{};
-  double covariance[3][3] = {};  // the upper triangle, mirrored
+  double covariance[3][3] = {};  // symmetric: the lower triangle is a copy of the upper one
 };
 
-// Evaluates kernels/math for one N. `parameters` has the rows of the published variant, or of direct
-// conditioning.
+// Computes the slice of a splat with N = `dim` with the formulas of kernels/math. `direct` is 1 for direct
+// conditioning, otherwise 0. `parameters` has the rows of the published variant with this conditioning.
 template <int dim, int direct>
 Slice slice_at(const double* parameters, const QueryValues& query);
-// Returns the logarithm of the opacity factor (2.4) for the residual y = Lh^-1 x of the splat.
+// Returns the logarithm of the opacity factor of the splat (method.md 2.4) for the residual y = Lh^-1 x.
 template <int dim, int direct>
 double log_factor_at(const double* parameters, const QueryValues& residual);
 #define UBS_DECLARE(n, direct)                                                   \
@@ -49,6 +49,7 @@ class Slicer {
 
   const std::array<double, 3>& mean() const { return mean_; }
   double beta() const { return beta_; }  // exponent of the spatial kernel; 0 if it has none
+  // These functions call slice_at() and log_factor_at() with the parameters of the splat.
   Slice at(const QueryValues& query) const;
   double log_factor(const QueryValues& residual) const;
 

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// This file evaluates kernels/math in double precision at a query. It is compiled once for each N (UBS_N) and
-// each kind of conditioning (UBS_DIRECT); see slice.cpp.
+// This file implements slice_at() and log_factor_at() of slice.hpp with the formulas of kernels/math in
+// double precision. It is compiled once for each N (UBS_N) and each kind of conditioning (UBS_DIRECT); see
+// slice.cpp.
 #include <algorithm>
 
 #include "host/scene/slice.hpp"

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // spatial_factor() computes the factor M of the spatial covariance M M^T of a splat (method.md 2.1, 8), in
-// double precision on the host and for every variant. It serves tools that examine single splats.
+// double precision on the host. It supports every variant. It is used by tools that examine single splats.
 #pragma once
 
 #include <array>
@@ -12,21 +12,22 @@ namespace ubs {
 
 using Matrix3 = std::array<std::array<double, 3>, 3>;
 
-// Returns ln(1 + e^x); linear above 20, as in the published code.
+// Returns ln(1 + e^x), where x is `raw`. For x > 20 it returns x, as the published code does.
 double softplus_of(double raw);
 // Returns the inverse of softplus for y > 0. Values below 1e-30 count as 1e-30.
 double inverse_softplus_of(double y);
 
 struct SpatialFactor {
   Matrix3 m{};
-  std::array<double, 3> scale{};  // as used by the kernels: at least a small share of the largest scale
+  std::array<double, 3> scale{};  // as in the kernels: not below a small fraction of the largest scale
 };
 
-// Returns the first three columns of M. M has no others, except with cov_param skew_nd and N > 3.
+// Returns the first three columns of M. M has more columns only if cov_param is skew_nd and N > 3.
 SpatialFactor spatial_factor(const SplatModel& model, std::size_t splat);
 
-// Evaluates kernels/math for one rot_mode, or for kMaxRotMode plus a cov_param, with raw rotation entries and
-// scales.
+// Computes the factor from raw rotation entries and raw scales with the formulas of kernels/math. `form` is
+// the number of the rot_mode with cov_param = spatial_ortho. For the other values of cov_param, `form` is
+// kMaxRotMode plus the number of the cov_param.
 inline constexpr int kMaxRotMode = static_cast<int>(RotMode::quaternion);
 template <int form>
 SpatialFactor spatial_factor_as(const double* rotation, const double* scale);

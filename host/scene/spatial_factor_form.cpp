@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// This file evaluates kernels/math in double precision for one variant of the spatial factor (UBS_ROT_MODE,
-// UBS_COV_PARAM); see spatial_factor.cpp.
+// This file implements spatial_factor_as() of spatial_factor.hpp with the formulas of kernels/math in double
+// precision. It is compiled once for each variant of the spatial factor (UBS_ROT_MODE, UBS_COV_PARAM).
 #include <algorithm>
 
 #include "host/scene/spatial_factor.hpp"

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// This file computes the rows and names of the parameters; see splat_model.hpp.
+// This file implements splat_model.hpp: the rows, the names and the groups of the parameters.
 #include "host/scene/splat_model.hpp"
 
 #include <algorithm>
@@ -36,12 +36,12 @@ std::vector<std::string> ParameterLayout::property_names() const {
   }
   names.push_back("opacity");
   numbered("beta", 0, query_beta - beta);
-  // The numbers are those of the query dimensions, counted from 1, even if there is no beta_0.
+  // The numbers of query dimensions start at 1, even if there is no spatial beta, which would be beta_0.
   numbered(variant.learnt_weights() ? "lambda" : "beta", 1, mean - query_beta);
   numbered("mean", 0, query);
   if (variant.direct() && query > 0) {
-    // The diagonal entry of row i of the precision factor is in the place of a scale. The other entries of
-    // the row follow after Theta_i.
+    // The diagonal entry of row i of the precision factor is stored in the row of a query scale. The other
+    // entries of row i are stored after Theta_i, the three entries that move the mean.
     const auto packed = [](int i, int j) { return i * (i + 1) / 2 + j; };
     numbered("scale", 0, 3);
     for (int i = 0; i < query; ++i) numbered("precision", packed(i, i), 1);

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// SplatModel is a set of N-dimensional Beta splats with RAW parameters (before sigmoid, softplus, exp;
-// method.md 1.1). It is stored as a structure of arrays in the order of the published file (method.md 5.1):
-// one row per property, with `count` values per row. The device has the same rows with a padded stride.
+// SplatModel is a set of N-dimensional Beta splats with raw parameters. Raw parameters are the values that
+// are trained, before functions such as sigmoid, softplus and exp are applied to them (method.md 1.1). There
+// is one row per parameter, with `count` values per row. The rows have the order of the published file format
+// (method.md 5.1). Device memory contains the same rows with a padded stride.
 #pragma once
 
 #include <cmath>
@@ -15,7 +16,7 @@
 
 namespace ubs {
 
-// Converts a raw opacity. Accurate to the last bits on both sides of 0.
+// Converts a raw opacity to an opacity from 0 to 1. The result is accurate for large positive and negative x.
 inline double sigmoid(double x) { return x < 0 ? std::exp(x) / (1 + std::exp(x)) : 1 / (1 + std::exp(-x)); }
 
 inline constexpr int kMinDim = 3;
@@ -31,17 +32,18 @@ struct ParameterLayout {
   explicit ParameterLayout(int dim, const ModelVariant& variant = {});
   int dim, query;  // N, C
   ModelVariant variant;
-  // With spherical harmonics, `rgb` is the first row of the constant terms. The other harmonics, or the
-  // lobes, follow after them.
+  // With spherical harmonics, `rgb` is the first row of the coefficients of the constant terms. They are
+  // followed by the other coefficients, or by the parameters of the lobes.
   int xyz = 0, rgb = 3;
-  int opacity, beta, query_beta;                    // `beta` is the spatial beta; both groups may be empty
-  int mean, scale, l_triangle;                      // `l_triangle` is the quaternion with rot_mode quaternion
-  int count;                                        // N(N+1)/2 + 2N + 2 by default
-  std::vector<std::string> property_names() const;  // PLY names, in row order
+  int opacity, beta, query_beta;  // `beta` is the spatial beta; `beta` and `query_beta` may have no rows
+  int mean, scale, l_triangle;    // with rot_mode = quaternion, `l_triangle` is the quaternion
+  int count;                      // number of rows: N(N+1)/2 + 2N + 2 for the published variant
+  // Returns the names of the properties in PLY files, in the order of the rows.
+  std::vector<std::string> property_names() const;
 };
 
-// All parameter groups with their numbers in kernels/layout.h (UBS_GROUPS). A model has at most one of the
-// groups with the same number.
+// GroupName is the name of a parameter group and its number in kernels/layout.h (UBS_GROUPS).
+// kParameterGroups contains all groups. Some of them have the same number; a model has at most one of these.
 struct GroupName {
   std::string_view name;
   int number;
@@ -52,7 +54,7 @@ inline constexpr GroupName kParameterGroups[] = {
 
 struct ParameterGroup {
   std::string name;
-  int first, count;  // rows
+  int first, count;  // first row, and number of rows
 };
 // Returns the groups of a layout in the order of their rows. Groups without rows have count 0.
 std::vector<ParameterGroup> parameter_groups(const ParameterLayout& layout);

@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// This file contains the scene `cloud`. It integrates dC = T sigma c ds, dT = -T sigma ds through a grid of
-// density and source colour that is computed once. The source is the sum of sunlight that has passed through
-// the cloud and is scattered with a forward lobe (so that the appearance depends on the view), sky light, and
-// a glow of the core.
+// This file contains the scene `cloud`. It integrates colour C and transmittance T along a ray, dC = T sigma
+// c ds and dT = -T sigma ds. The density sigma and the data for the source colour c are computed once and
+// stored in a grid. The source colour is the sum of three terms: sunlight that has passed through the cloud,
+// sky light, and a glow of the core. Sunlight is scattered mainly forwards, so that the appearance depends on
+// the view direction.
 #include <algorithm>
 #include <array>
 #include <vector>
@@ -19,13 +20,14 @@ constexpr int kGrid = 96;
 constexpr double kHalf = 1.15;  // half size of the volume
 constexpr double kCell = 2 * kHalf / (kGrid - 1);
 constexpr double kStep = 1.5 * kCell;  // with a third of this step, no pixel changes by more than 2/255
-constexpr double kOuter = 1.12;        // half axis of the ellipsoid, outside of which the density is 0
+constexpr double kOuter = 1.12;        // half axis of the ellipsoid; the density outside of it is 0
 constexpr double kExtinction = 9.0;    // per unit length at density 1
 constexpr int kLattice = 16;           // period of the noise; a power of two
 const Vec3 kSun = normalize(Vec3(0.6, -0.5, 0.75));
 
-// Noise is smooth noise in [0,1]: random values on a periodic lattice, interpolated by a quintic. Its second
-// derivative is continuous, so that the planes of the lattice are not visible.
+// Noise computes smooth noise in [0,1]. It interpolates random values on a periodic lattice with a quintic
+// polynomial. The second derivative of the result is continuous, so that the planes of the lattice are not
+// visible.
 class Noise {
  public:
   explicit Noise(std::uint64_t seed) : values_(kLattice * kLattice * kLattice) {
@@ -108,8 +110,8 @@ class Cloud : public Scene {
     return static_cast<std::size_t>((z * kGrid + y) * kGrid + x);
   }
 
-  // Computes noise that fades out towards an ellipsoid, so that the density and everything derived from it
-  // vanish before the faces of the grid.
+  // Computes the density and the glow of one layer of the grid from noise. Both fade out towards the surface
+  // of an ellipsoid, so that they are 0 at the faces of the grid.
   void fill_layer(const Noise& noise, int z) {
     for (int y = 0; y < kGrid; ++y)
       for (int x = 0; x < kGrid; ++x) {
@@ -127,7 +129,7 @@ class Cloud : public Scene {
     for (int y = 0; y < kGrid; ++y)
       for (int x = 0; x < kGrid; ++x) {
         Voxel& voxel = voxels_[index(x, y, z)];
-        if (voxel.density == 0) continue;  // no influence, because sample() weights it with its density
+        if (voxel.density == 0) continue;  // `sun` has no effect where the density is 0: see sample()
         const Vec3 p = position(x, y, z);
         double depth = 0;
         for (double s = 2 * kCell; s < 1.4; s += 2 * kCell) depth += density(p + kSun * s) * 2 * kCell;
@@ -149,7 +151,8 @@ class Cloud : public Scene {
     return near < far;
   }
 
-  // Computes the trilinear weights of the eight voxels around p. The callback receives index and weight.
+  // Calls `visit` for each of the eight voxels around p, with the index of the voxel and its trilinear
+  // weight.
   template <typename Visit>
   static void visit_corners(const Vec3& p, const Visit& visit) {
     std::array<int, 3> cell{};

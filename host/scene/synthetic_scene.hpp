@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Scene is the interface of the procedural scenes for host/data/synthetic.cpp: it computes the light along
-// one ray.
+// Scene is the interface of the built-in procedural scenes, from which host/data/synthetic.cpp renders
+// images. A scene computes the light along one ray.
 #pragma once
 
 #include <cmath>
@@ -16,6 +16,7 @@ struct Ray {
   Vec3 origin, direction;  // direction of length 1
 };
 
+// Sample is the light along a ray.
 struct Sample {
   Vec3 colour;  // premultiplied with alpha, in [0,1]
   double alpha = 0;
@@ -27,8 +28,8 @@ class Scene {
   virtual bool dynamic() const { return false; }
   virtual double focus_height() const { return 0; }  // the cameras look at (0, 0, focus_height)
   // Returns the light along a ray. `u`, `v` in [0,1) are the position of the ray within its pixel. Scenes
-  // that integrate over a second domain, such as an area light, use them to choose their sample. All pixels
-  // have the same samples, so there is no noise.
+  // that also integrate over something else, such as an area light, use `u` and `v` to choose a point of it.
+  // All pixels use the same values of `u` and `v`, so the image has no noise.
   virtual Sample trace(const Ray& ray, double time, double u, double v) const = 0;
 };
 

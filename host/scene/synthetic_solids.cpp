@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// This file contains the scenes `glossy` and `orbit`. Everything lies within [-1.3, 1.3]^3, the box that
+// This file contains the scenes `glossy` and `orbit`. All objects are inside [-1.3, 1.3]^3, the cube that the
 // random initialisation fills.
 #include <numbers>
 

@@ -74,7 +74,8 @@ bool in_shadow(const std::vector<Shape>& shapes, const Vec3& from, const Vec3& t
   return intersect(shapes, {from, path * (1 / length)}).distance < length;
 }
 
-// A dark studio with a bright ceiling panel, a window strip and a warm horizon.
+// Returns the light that arrives from the direction `d` if there is no object. The environment is a dark
+// studio with a bright panel at the ceiling, a window and a warm horizon.
 Vec3 environment(const Vec3& d) {
   Vec3 sky = mix(Vec3(0.34, 0.27, 0.22), Vec3(0.10, 0.16, 0.30), smoothstep(-0.1, 0.8, d[2]));
   if (d[2] < 0) sky = mix(sky, Vec3(0.05, 0.05, 0.06), smoothstep(0, -0.5, d[2]));
@@ -90,7 +91,8 @@ Vec3 environment(const Vec3& d) {
   return sky + Vec3(0.65, 0.80, 1.0) * window;
 }
 
-// A checkerboard with thin grout lines and a slowly varying tint, so that no two cells look alike.
+// Returns the colour of a checkerboard. It has thin dark lines between the cells, and its tint varies slowly,
+// so that all cells look different.
 Vec3 checker(const Material& m, double x, double y) {
   const double cx = x * m.frequency, cy = y * m.frequency;
   const long ix = std::lround(std::floor(cx)), iy = std::lround(std::floor(cy));
@@ -143,7 +145,7 @@ class Tracer {
     return base.mul(light) + Vec3(1.0, 0.97, 0.92) * phong;
   }
 
-  // Schlick's approximation of the Fresnel factor.
+  // Returns the reflected light. Its strength follows Schlick's approximation of the Fresnel factor.
   Vec3 reflection(const Hit& hit, const Ray& ray, int bounce) const {
     const Vec3& normal_incidence = hit.shape->material.mirror;
     if (normal_incidence == Vec3(0, 0, 0)) return {0, 0, 0};

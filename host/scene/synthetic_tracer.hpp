@@ -17,7 +17,7 @@ struct Material {
   Texture texture = Texture::plain;
   double frequency = 4;  // texture cells per unit length (per half turn on a sphere)
   double diffuse = 1, highlight = 0, shininess = 60;
-  Vec3 mirror{0, 0, 0};  // reflectance at normal incidence; rises to 1 at grazing angles
+  Vec3 mirror{0, 0, 0};  // reflectance at normal incidence; larger at grazing angles; 0: none
 };
 
 struct Shape {
@@ -28,7 +28,7 @@ struct Shape {
   Material material;
 };
 
-// `u` and `v` choose a point of the area light.
+// Returns the light along a ray. `u` and `v` in [0,1) choose a point of the area light.
 Sample trace_shapes(const std::vector<Shape>& shapes, const Ray& ray, double u, double v);
 
 }  // namespace ubs::synthetic

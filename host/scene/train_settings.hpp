@@ -19,7 +19,7 @@
 
 namespace ubs {
 
-// Number of iterations to which refine and other settings refer.
+// Number of iterations of the run to which the iteration numbers in `refine` and other settings refer.
 inline constexpr int kScheduleLength = 30000;
 
 enum class Appearance { none, gain, affine };  // kernels/math/appearance.h
@@ -30,110 +30,119 @@ enum class PrincipalPoint { as_given, centre };
 enum class BatchRates { none, sqrt };
 enum class OnNan { stop, rollback, drop, off };
 
-// Settings for reading data (docs/data.md). Each of these settings consists of a member here, a row with
-// kOfReading in the table of fields, and its use in host/data.
+// ReadSettings holds the settings for reading data (docs/data.md). Each setting has a member in this struct
+// and a row with kOfReading in the table of fields, and is used in host/data.
 struct ReadSettings {
-  std::string layout = "auto";  // layout of the data folder (host/data/load_dataset.cpp); auto: by content
-  std::string images = "auto";  // folder of images inside a COLMAP or LLFF folder; auto: images
-  // Folder below sparse/ with the model; auto: the one with the most images.
+  std::string layout = "auto";  // layout of the data (host/data/load_dataset.cpp); auto: recognised
+  std::string images = "auto";  // name of the image folder in COLMAP and LLFF data; auto: `images`
+  // Name of the folder in sparse/ that contains the COLMAP model; auto: the model with the most images.
   std::string colmap_model = "auto";
   std::string cache_folder;  // for undistorted images and video frames; empty: they are not stored
-  int downscale = 1;         // images are reduced by this factor on load
-  // COLMAP, LLFF, nerfstudio: every n-th view is a test view; 0: none; auto: host/data/split_views.hpp
+  int downscale = 1;         // width and height of images are reduced by this factor
+  // For COLMAP, LLFF and nerfstudio data: every n-th view is a test view; 0: no test views; auto: see
+  // split_views() in host/data/split_views.hpp.
   int test_every = kAutoInt;
-  int image_cache_mb = 4096;         // memory for images; other images are decoded when needed
-  PrincipalPoint principal_point{};  // centre: the centre of the image, as in the published code
-  IndexRange frames;                 // frames of videos
-  // Allow links, absolute paths and .. in the data to refer to files outside of the data folder.
+  int image_cache_mb = 4096;         // memory for decoded images [MB]; others are decoded when needed
+  PrincipalPoint principal_point{};  // as in the data, or the centre of the image as published
+  IndexRange frames;                 // frames of videos that are used
+  // Whether links, absolute paths and .. in the data may refer to files outside of the data folder.
   bool allow_outside = false;
   bool operator==(const ReadSettings&) const = default;
 };
 
-// The settings of a training run. The values of the enumerations are in the order of their words in the table
-// of fields.
+// In each enumeration, the enumerators are in the order of their words in the table of fields.
 struct TrainSettings : ReadSettings {
   // Model
-  int dim = 6;  // 3 | 4 (xyz + t) | 6 (+ view direction) | 7 (+ direction + t) ... 11 | kAutoInt
-  // Number of random initial splats if the data contain no points; auto: by the size of the images.
+  int dim = 6;  // 3, 4 (with time), 6 (with direction), 7 (with both), ..., 11, or kAutoInt
+  // Number of random initial splats if the data contain no points; auto: depends on the size of the images.
   int init_points = kAutoInt;
-  double init_extent = kAuto;    // random points are in [-init_extent, init_extent]^3; auto: by the cameras
-  int cap_max = 300000;          // maximum number of splats; more initial points are thinned out
-  int find_points = 75000;       // initial points that are looked for in the images
-  double beta_dir_init = kAuto;  // raw direction betas; auto: 0, but -3 for N = 7
-  double beta_query_init = 0;    // raw betas of time and further query values
-  double unit = kAuto;           // length of the data that is 1 in training (host/scene/scene_unit.hpp)
+  // Random initial splats are in [-init_extent, init_extent]^3; auto: in the space that the cameras see.
+  double init_extent = kAuto;
+  int cap_max = 300000;          // maximum number of splats, also of initial ones
+  int find_points = 75000;       // number of initial points to triangulate from the images; 0: none
+  double beta_dir_init = kAuto;  // initial raw betas of the direction; auto: -3 for N = 7, otherwise 0
+  double beta_query_init = 0;    // initial raw betas of time and further query values
+  double unit = kAuto;           // unit of length in training, in units of the data (scene_unit.hpp)
   std::uint64_t seed = 42;
 
   // Variant of the method (docs/variants.md); recorded in the model file
   ModelVariant variant;
-  bool conditioning_auto = true;  // variant.conditioning is chosen together with an automatic dim
+  bool conditioning_auto = true;  // whether variant.conditioning will be chosen from the data
 
   // Schedule. Iteration numbers refer to a run of 30 000 iterations and scale with `iterations`.
   int iterations = 30000;
-  int batch = 1;  // views per step
-  // Share of the work that is done after some iterations, such as 90:0.05,200:0.1; empty: proportional to the
-  // iterations (host/train/work_share.hpp). 200:0.1@120 is a point that the run left after iteration 120.
+  int batch = 1;  // number of views per optimiser step
+  // Share of the work that is done after some iterations, such as 90:0.05,200:0.1
+  // (host/train/work_share.hpp). If it is empty, the share is proportional to the iteration. 200:0.1@120
+  // means that the run was to reach the share 0.1 after iteration 200, but changed its pace after iteration
+  // 120.
   std::string work_shares;
-  std::string pyramid;  // reduced images at the start, such as 4:0.2,2:0.5 (docs/budget.md); empty: none
-  IndexRange refine{500, 25000, 100};  // after `first`, before `end`; empty range: never
-  BatchRates lr_batch{};               // learning rates unchanged | times the square root of the batch
-  double growth = 1.02;                // ratio of the numbers of splats after and before a refinement
-  double growth_end = 1;               // share of the work after which no splats are added
-  double noise_lr = kAuto;  // auto: 1 dynamic, 1.6e7 static, but 1e6 if unit is not auto (method.md 4.3)
+  std::string pyramid;  // use of reduced images, such as 4:0.2,2:0.5 (docs/budget.md); empty: not used
+  // Splats are relocated and added every `step` iterations, after `first` and before `end`. If the range is
+  // empty, this never happens.
+  IndexRange refine{500, 25000, 100};
+  BatchRates lr_batch{};  // whether learning rates are multiplied by the square root of `batch`
+  double growth = 1.02;   // ratio of the numbers of splats after and before a refinement
+  double growth_end = 1;  // share of the work after which no splats are added
+  // Factor of the position noise (method.md 4.3); auto: 1 for dynamic scenes; for static scenes 1.6e7, or 1e6
+  // if `unit` is not automatic.
+  double noise_lr = kAuto;
 
   // Loss
   double lambda_dssim = 0.2;
   double opacity_reg = 0.01;
-  double scale_penalty = 0;  // the published value 0.01 has no effect in the published code (method.md 4.1)
+  // Weight of the mean spatial scale. The published value 0.01 has no effect in the published code (method.md
+  // 4.1).
+  double scale_penalty = 0;
   Background background{.automatic = true};
-  RandomBackground random_background{};  // method.md 4.11
-  Appearance appearance{};               // learnt appearance of each training image (method.md 4.9)
-  RefineCameras refine_cameras{};        // cameras of the training images (method.md 4.10)
+  RandomBackground random_background{};  // random background colours (method.md 4.11)
+  Appearance appearance{};               // how exposure and white balance are optimised (method.md 4.9)
+  RefineCameras refine_cameras{};        // how cameras are optimised (method.md 4.10)
 
   // Learning rates
-  double lr_cooldown = 0;                         // final share of the work during which all rates fall to 0
-  double lr_xyz = 1.6e-4, lr_xyz_final = 1.6e-6;  // times the scene extent, exponential decay
+  double lr_cooldown = 0;                         // all rates decrease to 0 over this last share of the work
+  double lr_xyz = 1.6e-4, lr_xyz_final = 1.6e-6;  // relative to the scene extent; exponential decay
   double lr_mean = 1e-3, lr_beta = 1e-3;
   double lr_l_triangle = 1e-3;  // also for quaternions
-  // auto: depends on colours and kernel (resolve_automatic). Harmonics beyond the constant term have a
-  // twentieth of lr_rgb.
+  // The automatic values depend on the variant's colours and kernel (resolve_automatic()). The learning rate
+  // of harmonics other than the constant term is a twentieth of lr_rgb.
   double lr_rgb = kAuto, lr_opacity = kAuto, lr_scale = kAuto;
 
   // Rendering
   double eps2d = 0.3;
-  double near_plane = kAuto, far_plane = kAuto;  // auto: planes_of()
-  std::string raster = "auto";                   // rasteriser: auto (cpu on devices with vectors) | cpu | gpu
+  double near_plane = kAuto, far_plane = kAuto;  // auto: see planes_of()
+  std::string raster = "auto";                   // rasteriser: cpu, gpu or auto (by type of device)
   // Folder of a run whose refined cameras are used to render the views of its data. This member is not in the
   // table of fields.
   std::string run_cameras;
   // How training handles the size of the tile lists: it waits for the size, or it uses an upper bound and
-  // checks the size later; auto: by device type. The results are the same. This member is not in the table of
-  // fields, because it is only for tests and benchmarks.
+  // checks the size later. `automatic` chooses by the type of the device. The results are the same. This
+  // member is not in the table of fields, because it is only for tests and benchmarks.
   ListCounts list_counts{};
-  // Keys that the user has set, even to their default values. Automatic schedules do not change these
-  // settings. This member is not in the table of fields.
+  // Keys that the user has set, even if their values are the defaults. Automatic schedules do not change
+  // these settings. This member is not in the table of fields.
   std::set<std::string, std::less<>> chosen;
-  bool query_grad = false;  // gradient through the view direction (method.md 3.3)
+  bool query_grad = false;  // also compute the gradient through the view direction (method.md 3.3)
 
   // Skipped work (docs/variants.md)
   double alpha_min = 0;  // contributions with alpha <= alpha_min are skipped
   std::string freeze;    // parameter groups that are not trained, separated by commas
-  // Cheaper arithmetic (docs/accuracy.md)
-  MathMode math{};  // arithmetic of powers
+  MathMode math{};       // accuracy of powers in the kernels (docs/accuracy.md)
 
   // Data and output
 
-  // Iterations between evaluations on the test split, or seconds of training with a trailing s; 0: only at
-  // the end.
+  // Interval between evaluations on the test split: a number of iterations, or a number of seconds of
+  // training followed by s. 0: evaluate only at the end.
   std::string eval_every = "0";
   int save_renders = 8;  // number of test views that are saved with their ground truth at the end; -1: all
-  int log_every = 10;    // iterations between rows of log.csv
+  int log_every = 10;    // number of iterations between rows of log.csv
 
   // Saving and checking a run (docs/training.md)
 
-  // Iterations between checkpoints, or seconds of training with a trailing s; 0: only when interrupted.
+  // Interval between checkpoints: a number of iterations, or a number of seconds of training followed by s.
+  // 0: write a checkpoint only when the training is interrupted.
   std::string checkpoint_every = "300s";
-  OnNan on_nan{};  // reaction to a value that is not finite; off: no checks
+  OnNan on_nan{};  // what to do when a value is not finite; off: values are not checked
 };
 
 // Returns the fields of TrainSettings with key, help and allowed range.
@@ -141,8 +150,8 @@ std::span<const Field<TrainSettings>> train_fields();
 // Returns the keys of all fields that have one of these uses (FieldUse).
 std::vector<std::string_view> keys_used(unsigned uses);
 
-// Splats are rendered if their depth is between these planes, in the unit of the data. Automatic planes are
-// 0.01 and 1e10 units of training, or units of the data if there is no training.
+// Splats are rendered if their depth is between these planes, which are in the unit of the data. Automatic
+// planes are at 0.01 and 1e10 times settings.unit. If the unit is automatic too, they are at 0.01 and 1e10.
 struct Planes {
   double near = 0, far = 0;
 };
@@ -152,8 +161,8 @@ Planes planes_of(const TrainSettings& settings);
 void validate(const TrainSettings& settings);
 
 struct RunInterval {
-  int iterations = 0;  // 0: not by iterations
-  double seconds = 0;  // 0: not by time
+  int iterations = 0;  // 0: the interval is not in iterations
+  double seconds = 0;  // 0: the interval is not in seconds
 };
 // These functions parse eval_every and checkpoint_every. They throw Error(usage) if the text is neither a
 // number of iterations nor a number of seconds.
@@ -163,22 +172,24 @@ RunInterval checkpoint_interval(const TrainSettings& settings);
 struct SharePoint {
   int iteration = 0;
   double share = 0;  // share of the work that is done after this iteration
-  // If it is not 0, the run changed its pace after this earlier iteration, on the way to this point.
+  // If this is not 0, the run changed its pace after this earlier iteration, before it reached this point.
   int left_at = 0;
 };
-// Returns where a run that is at `from` ends its way to the next point `to`: at this point, or where it
-// leaves the way.
+// Returns the point up to which a run proceeds from `from` towards the next point `to` at a constant pace.
+// This is `to`, or the point after the iteration to.left_at if the run changes its pace there.
 SharePoint reached(const SharePoint& from, const SharePoint& to);
-// Parses work_shares. Iterations and shares must increase, and shares are at most 1. Throws Error(usage)
-// otherwise.
+// Parses work_shares. Throws Error(usage) if the text is malformed, if a share exceeds 1, or if iterations or
+// shares do not increase.
 std::vector<SharePoint> share_points(const TrainSettings& settings);
+// Returns the points as a text for work_shares.
 std::string to_string(const std::vector<SharePoint>& points);
 
 struct PyramidStep {
   int factor = 1;
   double share = 0;  // share of the work at which the level ends
 };
-// Parses pyramid, which has decreasing factors at increasing shares. Throws Error(usage) otherwise.
+// Parses pyramid. Throws Error(usage) if the text is malformed, if the factors do not decrease, or if the
+// shares do not increase.
 std::vector<PyramidStep> pyramid_steps(const TrainSettings& settings);
 
 }  // namespace ubs

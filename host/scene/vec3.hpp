@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Vec3 holds three doubles for the procedural scenes: positions, directions, colours. Sums are taken in the
-// order x, y, z.
+// Vec3 holds three doubles for the procedural scenes: a position, a direction or a colour. Its scalar product
+// is summed in the order x, y, z.
 #pragma once
 
 #include <array>
@@ -35,7 +35,7 @@ inline Vec3 operator-(const Vec3& a) { return {-a[0], -a[1], -a[2]}; }
 inline Vec3 operator*(Vec3 a, double s) { return a *= s; }
 inline Vec3 operator*(double s, Vec3 a) { return a *= s; }
 inline double norm(const Vec3& a) { return std::sqrt(a.dot(a)); }
-// A zero vector stays zero.
+// Returns a vector of length 1 in the direction of `a`. The result is zero if `a` is zero.
 inline Vec3 normalize(const Vec3& a) {
   const double length = norm(a);
   return a * (length != 0 ? 1 / length : 0.0);

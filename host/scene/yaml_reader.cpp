@@ -65,7 +65,7 @@ std::vector<std::string> YamlReader::set(FieldValues fields) const {
   for (const YamlEntry& entry : entries(root_, "the file")) {
     try {
       set_field(fields, entry.key, text(entry), entry.where);
-    } catch (const Error& error) {  // the same message, but as an error of a file
+    } catch (const Error& error) {  // an error in a file is an Error(data)
       throw Error(ErrorKind::data, error.what());
     }
     keys.push_back(entry.key);

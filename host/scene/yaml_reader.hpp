@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// YamlReader reads a flat YAML file of settings. Every error is an Error(data) that contains
-// file:line:column. Unknown or repeated keys are errors. load_yaml() of settings.hpp is a shortcut.
+// YamlReader reads a flat YAML file of settings. Every error is an Error(data) whose message contains file,
+// line and column. Unknown or repeated keys are errors. load_yaml() of settings.hpp reads a file with a
+// single call.
 #pragma once
 
 #include <yaml-cpp/yaml.h>
@@ -26,7 +27,8 @@ class YamlReader {
 
   // Returns all entries in the order of the file. `what` is the name of the mapping in messages.
   std::vector<YamlEntry> entries(const YAML::Node& node, const std::string& what) const;
-  // Returns the scalar as written in the file, or a sequence of scalars as "a,b,c".
+  // Returns the value of an entry: a scalar as it is written in the file, or a sequence of scalars as
+  // "a,b,c".
   std::string text(const YamlEntry& entry) const;
   // Sets `fields` to the values of the file, and returns the keys. An empty file sets nothing.
   std::vector<std::string> set(FieldValues fields) const;

@@ -10,18 +10,20 @@
 namespace ubs {
 namespace {
 
-constexpr std::size_t kPivotSplats = 4096;
-constexpr std::size_t kCameraNumbers = 17;
-constexpr double kMostPixels = 2e5;  // maximum size of the image that a step uses
+constexpr std::size_t kPivotSplats = 4096;  // maximum number of splats that pivot_depth() uses
+constexpr std::size_t kCameraNumbers = 17;  // numbers per view in the state
+constexpr double kMostPixels = 2e5;         // maximum number of pixels of an image in a step
 // The model has adapted to the current cameras, which makes the steps too short. They are therefore
 // multiplied by this factor.
 constexpr double kStretch = 1.3;
-// Moves that hardly change the image are reduced, because an unfinished model determines them poorly.
+// Initial strength of a regularisation that shortens moves which hardly change the image. Early in the
+// training, the model determines these moves poorly.
 constexpr double kFirstRidge = 0.03;
-// Cameras and model can drift together in directions that no image determines. Starting from correct poses,
-// they drifted by 0.15 degrees in 20 sweeps (docs/results/2026-11-22-cameras.md). This prior prevents it.
+// Weight of a prior that keeps cameras close to the given ones. Without it, cameras and model can drift
+// together in directions that the images do not determine. Starting from correct poses, cameras drifted by
+// 0.15 degrees in 20 sweeps (docs/results/2026-11-22-cameras.md).
 constexpr double kPrior = 2e-3;
-constexpr double kLensDamping = 1e-2;
+constexpr double kLensDamping = 1e-2;  // relative increase of the diagonal of the lens equations
 
 bool same_lens(const Camera& a, const Camera& b) {
   return a.fx == b.fx && a.fy == b.fy && a.cx == b.cx && a.cy == b.cy && a.width == b.width &&
@@ -80,8 +82,8 @@ int CameraRefiner::factor_for(std::size_t view, int factor) const {
 }
 
 // Refines one lens with the normal equations of all views that share it. First the pose of each view is
-// eliminated (Schur complement). The remaining equations contain only the lens; they assume that every pose
-// follows a change of the lens optimally.
+// eliminated (Schur complement). The remaining equations contain only the lens. They take into account that
+// every pose would be adapted to a change of the lens.
 void CameraRefiner::refine_lens(const Drawing& drawing, int factor, std::size_t lens) {
   NormalEquations sum;
   for (std::size_t i = 0; i < cameras_.size(); ++i) {
@@ -91,7 +93,8 @@ void CameraRefiner::refine_lens(const Drawing& drawing, int factor, std::size_t 
     const NormalEquations own = fit.linearise(cameras_[i], kCameraMoves);
     NormalEquations column = own;
     const CameraMove pose = solve_normal(column, kPoseMoves);
-    // If the result is not finite, the image determines nothing: it is fully masked or contains no splat.
+    // If the result is not finite, the image contains no information: all its pixels are masked, or it shows
+    // no splat.
     if (!std::isfinite(pose[0])) continue;
     for (std::size_t b = kPoseMoves; b < kCameraMoves; ++b) {
       for (std::size_t k = 0; k < kPoseMoves; ++k) column.right[k] = own.matrix[k][b];

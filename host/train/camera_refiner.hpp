@@ -16,17 +16,18 @@ namespace ubs {
 
 class CameraRefiner {
  public:
-  // Estimates from `initial` how far away the scene is from each camera. This distance is the depth of the
-  // camera's pivot. `train` must outlive the object.
+  // Computes the depth of each camera's pivot (camera_motion.hpp) from the splats of `initial`. `what`
+  // selects whether only poses or also lenses are refined. `train` must outlive the object.
   CameraRefiner(const Split& train, const SplatModel& initial, RefineCameras what);
 
   const std::vector<Camera>& cameras() const { return cameras_; }
-  // Returns `camera` with the refined lens (focal lengths and principal point), if a training view was given
-  // the same lens. Cameras that were given the same lens keep sharing one.
+  // Returns `camera` with the refined lens (focal lengths and principal point) if a training view had the
+  // same lens before the refinement. Training views that had the same lens before still have the same lens
+  // afterwards.
   Camera with_lens(const Camera& camera) const;
 
   // Takes one step of every camera, on images that are reduced by `factor` or more, and then calls
-  // hold_gauge(). The views of a wide image keep one position and the given angles between them, and their
+  // hold_gauge(). The views of a wide image keep a common position and the given angles between them. Their
   // lens is not refined, because it is not the lens of the photograph. `done` is the share of all sweeps that
   // have already taken place.
   void sweep(const Drawing& drawing, int factor, double done);
@@ -51,7 +52,7 @@ class CameraRefiner {
   std::vector<Camera> given_, cameras_;
   std::vector<std::vector<std::uint32_t>> images_;  // the views of each image
   std::vector<double> depth_;
-  std::vector<std::size_t> lens_;  // for each view, the first view that was given the same lens
+  std::vector<std::size_t> lens_;  // for each view, the first view that had the same lens in the data
 };
 
 // Returns the median depth of the splats in the image of the camera, or 1 if there are none.

@@ -58,7 +58,7 @@ TimeBudget read_budget(const Json& json) {
   return budget;
 }
 
-// Element counts of the parts of a state.
+// Sizes holds the number of elements of each part of a state.
 struct Sizes {
   std::uint64_t values, moments, loss_sums, appearance, sky, cameras;
 };
@@ -93,7 +93,7 @@ Json header_of(const Checkpoint& c, std::uint64_t splats, const Sizes& sizes) {
           {"settings", settings_json(c.settings)}};
 }
 
-// Reads the content of a file from front to back.
+// Reader reads the content of a file from front to back.
 class Reader {
  public:
   Reader(std::span<const std::byte> content, std::string name) : rest_(content), name_(std::move(name)) {}
@@ -188,7 +188,7 @@ std::uint32_t add_camera(std::uint32_t crc, const Camera& c) {
   return crc32(std::as_bytes(std::span(c.extra)), crc);
 }
 
-// An AtomicFile that ends with the CRC-32 of its content.
+// CheckedFile writes an AtomicFile that ends with the CRC-32 of its content.
 class CheckedFile {
  public:
   explicit CheckedFile(const std::filesystem::path& path) : file_(path) {}
@@ -219,8 +219,8 @@ class CheckedFile {
   std::uint32_t crc_ = 0;
 };
 
-// Runs work that all ranks do together. If it fails on one rank, for example because a disk is full, it fails
-// on all ranks.
+// Steps runs the steps of a task that all ranks perform together. If a step fails on one rank, for example
+// because a disk is full, it fails on all ranks.
 class Steps {
  public:
   explicit Steps(Communicator& ranks) : ranks_(ranks) {}
@@ -242,7 +242,7 @@ class Steps {
   Communicator& ranks_;
 };
 
-// Sums over the parts of all ranks.
+// Totals holds sums over the parts of all ranks.
 struct Totals {
   std::uint64_t splats, values, moments;
   std::uint64_t before;  // number of splats that the ranks before this one hold
@@ -255,7 +255,7 @@ std::uint64_t splats_before(Communicator& ranks, std::uint64_t count) {
   return std::accumulate(counts.begin(), counts.begin() + ranks.rank(), std::uint64_t{0});
 }
 
-// The part of one row that a rank has written.
+// RowPart describes the part of one row that a rank has written: its size and its CRC-32.
 struct RowPart {
   std::uint64_t bytes, crc;
 };
@@ -293,9 +293,10 @@ void write_checkpoint(const std::filesystem::path& path, const Checkpoint& check
   std::array<std::uint64_t, 4> sums{is_finite(s) ? 0u : 1u, s.model.count, s.model.values.size(),
                                     s.moment1.size()};
   ranks.sum(sums);
-  const auto [bad, splats, values, moments] = sums;
+  const std::uint64_t bad = sums[0], splats = sums[1], values = sums[2], moments = sums[3];
   if (bad > 0)
-    fail(ErrorKind::numerical, "{}: not written: the state of iteration {} is not finite", path.string(),
+    fail(ErrorKind::numerical,
+         "{}: the checkpoint is not written, because the state of iteration {} is not finite", path.string(),
          s.iteration);
   Steps steps(ranks);
   std::optional<CheckedFile> file;
@@ -314,7 +315,7 @@ void write_checkpoint(const std::filesystem::path& path, const Checkpoint& check
     begin = file->size();
     place = absolute_path(file->temporary()).string();
   });
-  std::vector<Bytes> rows;  // by rank
+  std::vector<Bytes> rows;  // for each rank, the parts of rows that it has written
   if (ranks.size() > 1) {
     place = ranks.all_texts(place).front();
     const Totals all{splats, values, moments, splats_before(ranks, s.model.count)};
@@ -375,7 +376,7 @@ Checkpoint read_checkpoint(const std::filesystem::path& path) {
   if (reader.word() != expected)
     fail(ErrorKind::data, "{}: damaged checkpoint: the CRC-32 does not match", name);
   if (reader.left() > 0)
-    fail(ErrorKind::data, "{}: damaged checkpoint: {} bytes too many", name, reader.left());
+    fail(ErrorKind::data, "{}: damaged checkpoint: {} bytes follow the CRC-32", name, reader.left());
   if (!is_finite(s)) fail(ErrorKind::data, "{}: the checkpoint contains values that are not finite", name);
   return checkpoint;
 }

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Checkpoint is a training run on disk: its state, and the settings, data and device that it must be
-// continued with. It is one little-endian file:
+// Checkpoint is a training run that is stored on disk. It contains the state of the run, and the settings,
+// the data and the device that are required to resume it. It is a single little-endian file with these parts:
 //   "UBSCKPT\n", u32 version, u32 bytes of the header, header (JSON: settings, counters, sizes),
 //   float32 parameters, first moments, second moments, loss sums, appearance and sky, float64 cameras, u32
 //   CRC-32 of everything before.
@@ -22,22 +22,24 @@ namespace ubs {
 struct Checkpoint {
   TrainState state;
   TrainSettings settings;
-  std::string data;              // absolute path
+  std::string data;              // absolute path of the data
   std::uint32_t data_print = 0;  // fingerprint() of the training views
-  std::string device, build;     // results depend on both
-  // Only for runs on several kinds of devices: how many views of a batch each rank renders.
+  std::string device, build;     // names; results are bit-identical only with the same device and build
+  // Number of views of a batch that each rank renders. Empty unless the run uses several kinds of devices.
   std::vector<std::uint64_t> views_by_rank;
   TimeBudget budget;
-  // The first row of log.csv. Its seconds and loss identify the run. The text is empty before the row exists.
+  // The first row of log.csv. It contains a time and a loss that identify the run. The text is empty before
+  // this row is written.
   std::string first_row;
   bool is_finished() const { return state.iteration == settings.iterations; }
 };
 
-// Writes the checkpoint and replaces an existing file in one step: the old file stays until the new one is
-// complete. Throws Error(data) if the disk is full, and Error(numerical) if a value of the state is not
-// finite; the old file is then unchanged.
-// All ranks of a job call this together. Each rank passes its part of the splats and writes it itself. An
-// error on one rank is thrown on all ranks. The resulting file does not depend on the number of ranks.
+// Writes the checkpoint. An existing file is replaced in one step when the new one is complete. Throws
+// Error(data) if writing fails, for example because the disk is full, and Error(numerical) if a value of the
+// state is not finite. In both cases the old file is unchanged.
+// All ranks of an MPI job must call this function together. Each rank passes and writes its own part of the
+// splats. An error on one rank is thrown on all ranks. The resulting file does not depend on the number of
+// ranks.
 void write_checkpoint(const std::filesystem::path& path, const Checkpoint& checkpoint,
                       Communicator& ranks = alone());
 
@@ -49,8 +51,9 @@ Checkpoint read_checkpoint(const std::filesystem::path& path);
 // middle and the last image.
 std::uint32_t fingerprint(const Split& split);
 
-// Throws Error(usage) with the name of the first setting that differs although it must not. Settings with
-// kFreeOnResume may differ, because they affect what is measured and stored, not what is trained.
+// Throws Error(usage) with the name of the first setting that must not differ but does. Settings with
+// kFreeOnResume may differ, because they only affect the measurements and the files that are written, and not
+// the training.
 void check_same_settings(const TrainSettings& stored, const TrainSettings& wanted);
 
 }  // namespace ubs

@@ -17,7 +17,7 @@ namespace {
 
 double psnr_of(double mse) { return -10.0 * std::log10(mse); }
 
-// An image on the device that is compared with a photograph.
+// Compared refers to an image on the device and to the photograph that it is compared with.
 struct Compared {
   ImageShape shape;
   BufferView<float> values;  // (3, rows, pitch)
@@ -31,8 +31,8 @@ PhotographPixels images_of(Device& device, const Target& target, const ImageShap
   return p;
 }
 
-// Measures `more` on a view with a mask. SSIM is computed on the host, where windows with pixels that do not
-// count can be skipped. LPIPS is computed on an image in which these pixels have the values of the
+// Computes the metrics of `more` for a view with a mask. SSIM is computed on the host, which can skip windows
+// that contain masked pixels. LPIPS is computed on an image in which masked pixels have the values of the
 // photograph.
 void measure_masked(Device& device, ImageMetrics& more, const Compared& compared, ViewMetrics& view) {
   const auto& [shape, values, target] = compared;
@@ -47,7 +47,7 @@ void measure_masked(Device& device, ImageMetrics& more, const Compared& compared
     truth[i] = static_cast<float>(bytes[i]) / 255.0f;
   }
   view.ssim_valid = masked_valid_ssim(image, truth, mask, size);
-  Buffer<float> filled(device, "image with a mask that covers all pixels", 3 * shape.plane());
+  Buffer<float> filled(device, "image with masked pixels replaced", 3 * shape.plane());
   filled.upload(padded_planes(fill_masked(image, truth, mask), shape));
   view.lpips =
       more.lpips({.size = size, .values = filled.view(), .pitch = shape.pitch(), .rows = shape.rows()},
@@ -78,7 +78,7 @@ FittedMetrics fitted_metrics(std::span<const float, 8> sums) {
   return {m.psnr_channel_mean, m.psnr, m.ssim};
 }
 
-// Compares a composed image, which is in host memory, with the stored one, which has a mask.
+// Compares a composed image with the image file, which has a mask. Both are in host memory.
 ViewMetrics compare_wide(Device& device, Stages& stages, const std::string& name,
                          const RenderedView& composed, const Image8& file, ImageMetrics* more,
                          Appearance fit) {
@@ -111,7 +111,8 @@ ViewMetrics compare_wide(Device& device, Stages& stages, const std::string& name
   return metrics;
 }
 
-// Runs a step of measuring a wide image. If the image is too large, prints a warning.
+// Calls `step`, which is a part of measuring a wide image. If it throws an error because the image is too
+// large, prints a warning instead.
 template <typename Step>
 void unless_too_large(const Step& step) {
   try {
@@ -119,12 +120,12 @@ void unless_too_large(const Step& step) {
   } catch (const Error& error) {
     if (error.kind() != ErrorKind::memory && error.kind() != ErrorKind::usage) throw;
     warn_once(
-        fmt::format("wide images are not compared in their own lens, only their views: {}", error.what()));
+        fmt::format("wide images are only compared in views that show parts of them: {}", error.what()));
   }
 }
 
-// Sends the results of measure_more() to all ranks. Each view was measured by the rank that rendered it. JSON
-// preserves every bit of a double.
+// Sends the results of measure_more() to all ranks. Each view was measured by the rank that rendered it. The
+// results are sent as JSON, which preserves every bit of a double.
 void share_more(Communicator& ranks, std::vector<ViewMetrics>& views) {
   if (ranks.size() == 1) return;
   const auto size = static_cast<std::size_t>(ranks.size());
@@ -284,7 +285,8 @@ Metrics evaluate(Device& device, Stages& stages, Renderer& renderer, const DrawV
                  std::uint32_t first_camera, ImageMetrics* more, Appearance fit) {
   Metrics metrics;
   metrics.views.resize(views.size());
-  // The sums for the images after the appearance fit are stored after those for the unchanged images.
+  // The buffer first contains the sums for the unchanged renders of all views, and then those for the renders
+  // after the appearance fit.
   Buffer<float> sums(device, "metric sums", (fit == Appearance::none ? 8 : 16) * views.size());
   if (ranks.size() > 1) sums.zero();
   Buffer<float> appearance;

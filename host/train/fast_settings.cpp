@@ -12,33 +12,38 @@
 namespace ubs {
 namespace {
 
-// A refinement costs one Adam step and resets the moments of the splats that it moves. So fast runs refine
-// every 100th iteration, as published, instead of scaling this interval with the length of the run
-// (docs/results/2026-11-21-quality-per-second.md).
+// A refinement takes as long as an Adam step and resets the moments of the splats that it moves. Therefore
+// fast runs refine every 100 iterations, as published, and do not scale this interval with the length of the
+// run (docs/results/2026-11-21-quality-per-second.md). Runs of fewer than 1000 iterations refine ten times.
 constexpr int kRefineEvery = 100, kMinRefinements = 10;
 constexpr double kGrownAt = 0.5;  // share of the run by which growth reaches the maximum number of splats
-// Randomly placed splats have to travel, and the distance is the same in short and in long runs: kFarTravel
-// is about the published rate times 30 000 iterations. Rates above kFastest destroy structure that the model
-// already has.
+// Randomly placed splats have to move to the surfaces of the scene, over a distance that does not depend on
+// the length of the run. Therefore the learning rate of positions is kFarTravel divided by the number of
+// iterations. kFarTravel is about the published rate times 30 000 iterations. The rate is at most kFastest,
+// because higher rates destroy structure that the model already has.
 constexpr double kFarTravel = 5, kFastest = 3e-3;
-// Points of the data make better splats than those that growth adds, so more of them are kept.
+// Maximum number of splats per iteration of the run. Splats from initial points are better than splats that
+// growth adds, so the limit is higher for a run with many initial points.
 constexpr int kSplatsAnIteration = 12, kPointsAnIteration = 40, kMinSplats = 10000;
 
-// fast_settings() applies to runs of kShortRun iterations or fewer. In longer runs, the learning rates and
-// the shares of the work on coarse images fall as powers of the number of iterations
+// fast_settings() has the values for runs of at most kShortRun iterations. In longer runs, learning rates and
+// the share of the work that uses reduced images decrease as powers of the number of iterations
 // (docs/results/2026-11-22-long-schedules.md).
 constexpr int kShortRun = 2000;
 constexpr double kPyramidPower = 0.5;
-// Large images, and images of which each is used only a few times, are trained in full size only at the end
-// (docs/results/2026-11-29-image-size.md).
+// Image pyramids for large images, and for runs that use each image only a few times. Both use images of full
+// size only at the end (docs/results/2026-11-29-image-size.md).
 constexpr double kLargePixels = 1e6;
 constexpr int kFewUses = 4;
 constexpr const char *kPyramidOfLarge = "4:0.5,2:0.95", *kPyramidOfFewUses = "4:0.7,2:0.95";
-// This value is for models with direct conditioning and time (docs/results/2026-11-24-budgets.md).
+// lr_cooldown of models with direct conditioning and time (docs/results/2026-11-24-budgets.md).
 constexpr double kMovingCooldown = 0.6;
-constexpr double kFewOpacityReg = 0.02;  // docs/results/2026-11-25-few-photographs.md
-// Exponent for beta_dir_init. It only applies to photographs of static scenes with initial points.
+// opacity_reg of runs with few images (docs/results/2026-11-25-few-photographs.md).
+constexpr double kFewOpacityReg = 0.02;
+// Exponent of the decrease of beta_dir_init. It is only used for photographs of static scenes with initial
+// points.
 constexpr double kDirectionPower = 1.2;
+// A learning rate that is multiplied by (iterations / kShortRun)^-power in runs longer than kShortRun.
 struct FallingRate {
   const char* key;
   double TrainSettings::*rate;
@@ -66,8 +71,8 @@ std::string usual_pyramid(int iterations, const PictureFacts& pictures) {
   return pictures.pixels > kLargePixels ? kPyramidOfLarge : fast_settings().pyramid;
 }
 
-// Adapts the settings that fall with the length of the run to the number of iterations. Values are rounded to
-// a few digits to keep config.yaml readable.
+// Adapts the settings that decrease with the length of the run to the number of iterations. Values are
+// rounded to a few digits to keep config.yaml readable.
 void lengthen(TrainSettings& s, int iterations, bool direction_falls, const PictureFacts& pictures) {
   TrainSettings base = fast_settings();
   const auto fall = [&](const char* key, double TrainSettings::*value, double power) {
@@ -85,7 +90,7 @@ void lengthen(TrainSettings& s, int iterations, bool direction_falls, const Pict
                              fallen(step.share, kPyramidPower, iterations));
 }
 
-// Returns whether the model has a time dimension and direct conditioning, which is the default for dynamic
+// Returns whether the model has a time dimension and direct conditioning. This is the default for dynamic
 // scenes.
 bool moves(const TrainSettings& s) { return s.dim != kAutoInt && has_time(s.dim) && s.variant.direct(); }
 
@@ -146,8 +151,8 @@ TrainSettings fast_settings_for(const TrainSettings& settings, int iterations, s
   if (first < kGrownAt && !s.refine.empty() && is_free(s, "growth", s.growth, standard.growth)) {
     const double start = static_cast<double>(first_splats(s, points));
     const double events = std::max(1.0, std::floor((kGrownAt - first) * iterations / interval));
-    // Round the growth factor up to four decimals, which keep config.yaml readable. Increase it further until
-    // the schedule reaches cap_max, because each refinement rounds the number of splats down.
+    // Round the growth factor up to four decimals, to keep config.yaml readable. Each refinement rounds the
+    // number of splats down, so increase the factor until the schedule reaches cap_max.
     const double ratio = std::max(1.0, s.cap_max / start);
     double steps = std::ceil(std::pow(ratio, 1 / events) * 1e4);
     const auto grown = [&] {

@@ -10,9 +10,9 @@
 
 namespace ubs {
 
-// Returns the settings that fast runs start from: higher learning rates, splats that are visible from a wide
-// range of directions at first, and coarse images at the start of the run. data_specs/fast.yaml contains the
-// same values.
+// Returns the settings on which fast runs are based. Compared with the published settings, learning rates are
+// higher, splats are initially visible from a wider range of directions, and the run starts with reduced
+// images. data_specs/fast.yaml contains the same values.
 TrainSettings fast_settings();
 
 // The weight of the opacity penalty if the views are parts of wide images. Each iteration trains one view,
@@ -22,23 +22,23 @@ inline constexpr double kWideOpacityReg = 0;
 
 // PictureFacts holds properties of the training images that influence the settings.
 struct PictureFacts {
-  std::size_t random_points = SIZE_MAX;  // maximum number of splats that are placed at random
+  std::size_t random_points = SIZE_MAX;  // maximum number of random initial splats
   bool lone_object = false;              // the images show an object in front of a plain background
-  bool few_photographs = false;          // a small number of images, which a model overfits quickly
+  bool few_photographs = false;          // there are so few images that a model overfits them
   bool wide_images = false;              // the views are parts of wide images
   std::size_t views = 0;                 // number of training views; 0: unknown
   double pixels = 0;                     // median number of pixels of a view; 0: unknown
 };
 
-// Returns the settings of a run of `iterations` iterations that starts with `initial` splats (0: they are
-// placed at random). It sets learning rates, the maximum number of splats, the image pyramid, refinement and
-// growth. Values that differ from the default schedule, and the settings named in TrainSettings::chosen, were
-// chosen by the user and are not changed.
+// Returns the settings of a run of `iterations` iterations. `initial` is the number of initial points; 0
+// means that the initial splats are placed at random. The function sets the learning rates, the maximum
+// number of splats, the image pyramid, the refinement interval and the growth. It does not change settings
+// that the user has chosen: those whose value differs from the default, and those in TrainSettings::chosen.
 TrainSettings fast_settings_for(const TrainSettings& settings, int iterations, std::size_t initial,
                                 const PictureFacts& pictures = {});
-// Returns the number of splats that such a run starts with.
+// Returns the number of splats at the start of a run with these settings and `initial` initial points.
 std::size_t first_splats(const TrainSettings& settings, std::size_t initial);
-// Returns the number of splats that such a run ends with, unless cap_max limits it.
+// Returns the number of splats at the end of a run of `iterations` iterations, unless cap_max is smaller.
 int fast_run_splats(int iterations, std::size_t initial);
 
 }  // namespace ubs

@@ -12,13 +12,15 @@
 
 namespace ubs {
 
+// PhotographPixels holds the pixels of a photograph.
 struct PhotographPixels {
   std::vector<std::uint8_t> planes;  // (3, height, width)
-  std::vector<std::uint8_t> mask;    // (height, width); 0: the pixel does not count; empty: all pixels count
+  std::vector<std::uint8_t> mask;    // (height, width); 0: the pixel is ignored; empty: no pixel is ignored
 };
 
-// Returns the twelve numbers of kernels/math/appearance.h that minimise the squared error before clamping. A
-// ridge of 1e-6 per pixel keeps numbers that the pixels do not determine at their neutral values.
+// Returns the twelve numbers of the colour map in kernels/math/appearance.h that minimise the squared error
+// between the mapped render, which is not clamped, and the photograph. A small regularisation (1e-6 per
+// pixel) keeps numbers that the pixels do not determine at their neutral values.
 std::vector<float> fit_appearance(const RenderedView& render, const PhotographPixels& photograph,
                                   Appearance fit);
 

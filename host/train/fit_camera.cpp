@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <cmath>
 #include <numeric>
-#include <ranges>
 
 #include "host/base/vector3.hpp"
 #include "host/train/pyramid.hpp"
@@ -12,14 +11,16 @@
 namespace ubs {
 namespace {
 
-// Step of the finite differences; renders are smooth over less than a pixel.
+// Step of the finite differences, in pixels. It is smaller than a pixel, because renders change smoothly over
+// such a distance.
 constexpr double kStepPixels = 0.25;
-constexpr double kSettledPixels = 5e-3;
-constexpr double kMaxStep = 0.03;  // [rad]; without this limit, cameras diverge while the model is faint
-constexpr int kFittingSteps = 20;  // maximum number for each size of the image
-// Search range in all directions, in pixels of the reduced image. Without a search, the steps may end in a
-// local minimum nearby.
+constexpr double kSettledPixels = 5e-3;  // the fit ends when a step moves the image by less [px]
+constexpr double kMaxStep = 0.03;        // [rad]; longer steps diverge while the model is nearly transparent
+constexpr int kFittingSteps = 20;        // maximum number of steps for each size of the image
+// The search compares shifts by up to this number of pixels of the reduced image, in both directions of each
+// axis. Without it, the steps may end in a local minimum near the first pose.
 constexpr int kSearched = 3;
+// Damping of the Levenberg-Marquardt steps, relative to the diagonal of the matrix.
 constexpr double kFirstDamping = 1e-3, kMinDamping = 1e-6, kMaxDamping = 1e4;
 
 // Computes the deviation from the inverse of the matrix. A rotation w about the pivot and a shift of the
@@ -90,7 +91,7 @@ void PoseFit::draw(std::span<const Camera> cameras) {
   for (std::uint32_t i = 0; i < small.size(); ++i) {
     drawing_.renderer.forward(drawing_.groups, i, drawing_.settings, false);
     std::vector<float> values = drawing_.renderer.download().rgb;
-    // The values of a photograph are limited to this range too.
+    // The values of a photograph are also between 0 and 1.
     for (float& value : values) value = std::clamp(value, 0.0f, 1.0f);
     renders_[i % parts_.size()].push_back(std::move(values));
   }
@@ -141,7 +142,7 @@ NormalEquations PoseFit::linearise(const Camera& camera, std::size_t moves) {
   return out;
 }
 
-// Tries all shifts of the pivot by whole pixels.
+// Compares all shifts of the pivot by whole pixels of the reduced image.
 Camera PoseFit::search(const Camera& camera) {
   Camera best = camera;
   double least = squares(camera);
@@ -196,7 +197,7 @@ Camera PoseFit::descend(Camera camera, int steps, const PoseHold& hold) {
 FittedCamera fit_camera(const Drawing& drawing, std::span<const Part> parts, double depth, bool fits) {
   Camera camera = parts[0].camera;
   const auto short_side = [](const Part& part) { return std::min(part.camera.width, part.camera.height); };
-  const int least = std::ranges::min(parts | std::views::transform(short_side));
+  const int least = short_side(*std::ranges::min_element(parts, {}, short_side));
   bool searched = false;
   for (const int factor : {4, 2})
     if (fits && least / factor >= kMinShortSide) {

@@ -10,8 +10,8 @@
 namespace ubs {
 namespace {
 
-// Raw values of a splat that has practically no effect: opacity 2e-9 (a splat is dead below 5e-3), support
-// radius 4.5e-5, query scales 1.
+// Raw values of a splat that has practically no effect. Its opacity is 2e-9, which is far below 5e-3, the
+// limit below which a splat counts as dead. Its support radius is 4.5e-5, and its query scales are 1.
 constexpr float kDeadOpacity = -20, kDeadScale = -10, kUnitScale = 0.541325f;
 
 float dead_value(const ParameterLayout& layout, int row, float present) {
@@ -108,7 +108,7 @@ TrainState Guard::answer(const NonFiniteEvent& event, TrainState s, TrainingView
     if (s.rollbacks >= kMaxRollbacks) stop(fmt::format("stopped after {} rollbacks", s.rollbacks));
     go_on(fmt::format("going back to iteration {}; this view will be skipped", good_->iteration));
     TrainState next = *good_;
-    next.seconds = s.seconds;  // the time since that state was spent too
+    next.seconds = s.seconds;  // the time since that state counts as training time
     next.rollbacks = s.rollbacks + 1;
     next.skipped_draws = std::move(s.skipped_draws);
     for (std::uint64_t draw = first; draw < end; ++draw)

@@ -20,13 +20,13 @@
 
 namespace ubs {
 
-inline constexpr int kMaxRollbacks = 3;  // maximum per run
+inline constexpr int kMaxRollbacks = 3;  // maximum number of rollbacks in a run
 // Maximum share of the splats that may be dropped in a run; kFewDropped splats are always allowed.
 inline constexpr double kMaxDroppedShare = 0.01;
 inline constexpr std::uint64_t kFewDropped = 10;
 
-// An occurrence of values that are not finite: the iteration in which it was found, its source, and all
-// splats that have such a parameter or moment, in ascending order.
+// NonFiniteEvent describes an iteration in which values are not finite: the number of the iteration, the
+// source of the values, and all splats that have such a parameter or moment, in ascending order.
 struct NonFiniteEvent {
   int iteration = 0;
   NonFiniteSource source;
@@ -51,25 +51,25 @@ class Guard {
   // `report` is called with a message for every event after which training continues.
   void on_event(std::function<void(const std::string&)> report) { report_ = std::move(report); }
 
-  // Must be called after every iteration. `left_out`: the iteration had no gradient, because all of its views
-  // were skipped.
+  // Must be called after every iteration. `left_out` is true if the iteration had no gradient, because all of
+  // its views were skipped.
   void stepped(const TrainProgress& progress, bool left_out);
-  // Returns whether look() must be called now. `before_others`: the state is about to be read or changed by
-  // something other than the Adam step.
+  // Returns whether look() must be called now. `before_others` is true if the state is about to be read or
+  // changed by something other than the Adam step.
   bool due(int iteration, bool before_others) const;
   // Waits for the device and returns true if all values are finite. Otherwise it sets `progress` to the first
-  // iteration with a value that is not finite; the steps since then have changed nothing.
+  // iteration with a value that is not finite. The steps after this iteration have not changed the state.
   bool look(TrainProgress& progress);
 
   // wants_state() returns whether a state for rollbacks is still needed. keep() sets the state to which a
   // rollback returns.
   bool wants_state() const { return on_nan_ == OnNan::rollback && !good_; }
   void keep(TrainState state);
-  // Must be called after the state was set from outside.
+  // Must be called after the state of the training was replaced.
   void restart(const TrainState& state);
-  // Returns the state from which training continues, given the `state` in which the event was found. Throws
-  // Error(numerical) if training must stop. The error and the report contain the iteration, stage, view and
-  // splats.
+  // Returns the state from which training continues. `state` is the state in which the event was found.
+  // Throws Error(numerical) if training must stop. The text of the error or of the report contains the
+  // iteration, the stage, the view and the first splat.
   TrainState answer(const NonFiniteEvent& event, TrainState state, TrainingViews& views);
 
  private:

@@ -17,12 +17,12 @@
 namespace ubs {
 namespace {
 
-constexpr std::size_t kFewSplats = 4096;
-// From this number of splats on, other kernels sort them (host/opencl/lists.cpp).
+constexpr std::size_t kFewSplats = 4096;  // maximum number of splats of the warm-up
+// Models with at least this number of splats use other kernels for sorting (host/opencl/lists.cpp).
 constexpr std::size_t kManySplats = std::size_t{1} << 20;
 
-// Returns the views that may need different kernels: the smallest, the largest, one with a mask and one
-// without.
+// Returns views that may need different kernels: the smallest view, the largest view, a view with a mask and
+// a view without a mask.
 std::vector<const View*> different_views(const Split& split) {
   std::vector<const View*> views;
   const auto take = [&](auto at) {

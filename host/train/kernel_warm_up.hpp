@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // KernelWarmUp executes every operation of a training once, on a copy of a model. OpenCL drivers compile a
-// kernel when it is first launched, which takes memory, disk space and seconds. The warm-up moves this to the
-// start of the run. Otherwise a failure might not appear until a relocation hours later.
+// kernel when it is first launched, which takes memory, disk space and seconds. The warm-up makes this happen
+// at the start of the run. Without it, a failed compilation might not be noticed until a relocation hours
+// later.
 #pragma once
 
 #include <memory>
@@ -18,15 +19,15 @@ namespace ubs {
 
 class KernelWarmUp {
  public:
-  // Prepares the warm-up for `view`, which must have an image, and for a copy of `model`. The copy grows if
-  // training grows the model.
+  // Prepares the warm-up for `view`, which must have an image, and for a copy of `model`. If training adds
+  // splats, the warm-up also adds a splat to this copy.
   KernelWarmUp(Device& device, const TrainSettings& settings, const View& view, const SplatModel& model);
 
   Stages& stages() { return *stages_; }
-  // Executes every variant of a training step, and relocation, growth and noise, on `stages`. These are
-  // stages() or an object that records the calls to it.
+  // Executes every kind of training step that the settings can lead to, and relocation, growth and noise, on
+  // `stages`. This must be stages(), or an object that forwards calls to it and records them.
   void learn(Stages& stages);
-  // Evaluates the view as training does, with the additional metrics of `more` if it is given.
+  // Evaluates the view as training does. If `more` is not null, its additional metrics are computed too.
   void evaluate(ImageMetrics* more);
 
  private:
@@ -40,19 +41,19 @@ class KernelWarmUp {
   Buffer<std::uint32_t> sentinel_;
 };
 
-// Returns the model with `target` splats, which are copies of the original ones as relocation and growth
-// create them (docs/method.md 4.3): the opacities are reduced, so that all copies of a splat together
-// transmit as much light as the original splat.
+// Returns a model with `target` splats, which are copies of the splats of `model`. The copies are like those
+// of relocation and growth (docs/method.md 4.3): their opacities are reduced, so that all copies of a splat
+// together transmit as much light as the original splat.
 SplatModel copies(const SplatModel& model, std::size_t target);
 
-// Returns the seconds that one view with its gradient takes on this device. This serves to compare devices,
-// so at most 200 000 splats are used.
+// Returns the seconds that one view and its gradient take on this device. The result is only used to compare
+// devices, so a model with at most 200 000 splats is measured.
 double view_seconds(Device& device, const TrainSettings& settings, const Split& train,
                     const SplatModel& model);
 
-// Makes the device compile every kernel that can be launched by training these splits from `initial`, and by
-// measuring the result with `more`. Throws the errors that the first steps would throw, and Error(memory) if
-// a later part of the training certainly does not fit into memory.
+// Makes the device compile every kernel that a training with these splits and the initial model `initial` can
+// launch, including the evaluation with `more`. Throws the same errors as the first training steps, and
+// Error(memory) if a later part of the training certainly does not fit into memory.
 void build_kernels(Device& device, const TrainSettings& settings, const Split& train, const Split& test,
                    const SplatModel& initial, ImageMetrics* more = nullptr);
 

@@ -16,13 +16,15 @@ class LearntSky {
  public:
   LearntSky(Device& device, const TrainSettings& settings, ViewPasses& passes, std::uint64_t batch);
 
-  // The parts of one step: clear() sets the gradients of the previous step to zero, add_gradient() stores the
-  // gradient of the view that was rendered last, and step() updates the background.
+  // These functions are the parts of one step. clear() sets the gradients of the previous step to zero,
+  // add_gradient() stores the gradient of the view that was rendered last, and step() updates the background.
   void clear();
   void add_gradient(std::uint64_t draw);
   void step(Stages& stages, int iteration, double rate, BufferView<std::uint32_t> sentinel);
 
-  std::vector<float> state() const;  // for TrainState; empty if the background is not learnt
+  // state() returns the numbers for TrainState::sky, or nothing if the background is not learnt. load()
+  // restores them.
+  std::vector<float> state() const;
   void load(std::span<const float> state);
 
  private:

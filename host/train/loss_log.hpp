@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// LossLog stores the results of Stages::image_loss on the device for all views since the last report: one row
-// of eight sums per draw.
+// LossLog stores the results of Stages::image_loss on the device for all views since the last row of log.csv.
+// Each draw (a view in an iteration) has one row of eight sums.
 #pragma once
 
 #include <span>

@@ -11,17 +11,18 @@
 
 namespace ubs {
 
-// Returns the settings for measuring the steps of `settings`. A run with them does not refine, so that the
-// number of splats, which is at most `most`, stays the same. It has so many iterations that it does not end
-// before the measurement.
+// Returns settings for measuring the time of the training steps that `settings` describe. A run with the
+// returned settings does not refine, so its number of splats, which must be at most `most`, stays the same.
+// It has so many iterations that it does not end before the measurement.
 TrainSettings measuring_settings(TrainSettings settings, std::size_t most);
 
-// Returns the milliseconds per step, starting from this state, for each level of the image pyramid. Each
-// value is a mean over several views. `trainer` must have been created with measuring_settings().
+// Returns the milliseconds per step for each level of the image pyramid, for steps that start from `state`.
+// Each value is the mean of several steps with different views. `trainer` must have been created with
+// measuring_settings().
 std::vector<double> step_times(Trainer& trainer, const Split& train, TrainState state);
 
-// Returns the costs of a step on each level. They are measured with the splats of `initial` and again with
-// `most` splats, which are copies of them.
+// Returns the costs of a step on each level of the image pyramid. They are measured twice: with the splats of
+// `initial`, and with `most` splats, which are copies of them.
 std::vector<StepCost> measure_steps(Device& device, const TrainSettings& settings, const Split& train,
                                     const SplatModel& initial, std::size_t most);
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// find_nonfinite_source() repeats the passes of an iteration in which a value was not finite, and checks the
-// output of each stage until one is not finite. Training calls it only after such a value, to report where
-// the value came from.
+// find_nonfinite_source() finds out in which stage a value that is not finite occurred first. It repeats the
+// forward and backward passes of the iteration, and checks the output of each stage. Training only calls it
+// after such a value was detected, to report its source.
 #pragma once
 
 #include <cstdint>
@@ -13,15 +13,16 @@
 namespace ubs {
 
 struct NonFiniteSource {
-  // The first stage whose output is not finite. "parameters": the parameters were not finite before the
-  // iteration. "adam": everything is finite up to the gradients. "unknown": the passes could not be repeated.
+  // The first stage whose output is not finite. "parameters" means that the parameters were not finite before
+  // the iteration, "adam" that everything is finite up to the gradients, and "unknown" that the passes could
+  // not be repeated.
   std::string_view stage;
-  std::int64_t view = -1;  // the training view; -1: none in particular
+  std::int64_t view = -1;  // index of the training view; -1: unknown
 };
 
-// `state` is the state after the iteration. The watched Adam step has not changed the splats whose values are
-// not finite, so these values occur again. The other splats have moved by one step. The views must have the
-// same size as in the iteration.
+// `state` is the state after the iteration. The Adam step of this iteration has not changed the splats whose
+// new values would not be finite, so the same values occur again. The other splats have been changed by one
+// step. The views must have the same size as in the iteration.
 NonFiniteSource find_nonfinite_source(Device& device, Stages& stages, TrainingViews& views,
                                       const RenderSettings& settings, const TrainState& state);
 

@@ -24,11 +24,13 @@ namespace {
 constexpr double kViewSeconds = 1;  // maximum time for counting intersections
 constexpr std::size_t kMinViews = 8, kMaxViews = 256;
 constexpr std::size_t kEndViews = 3;  // number of views that are rendered at the final number of splats
-// Maximum number of splats that are copied for measuring; each takes three host copies of 140 bytes.
+// Maximum number of splats that are measured. Each splat takes about 420 bytes of host memory during the
+// measurement.
 constexpr std::uint32_t kMaxCopied = 4'000'000;
 
-// StageLog collects the operations that recorders report, in the order of execution. A model with several
-// dimensions has stages and a recorder for each of its groups; all of them write to one log.
+// StageLog records operations in the order of their execution, with the kernels that each of them launches. A
+// model whose splats have several dimensions has stages and a StageRecorder for each group. All these
+// recorders write to the same log.
 class StageLog {
  public:
   explicit StageLog(Device& device) : device_(device) {}
@@ -56,6 +58,7 @@ class StageLog {
   std::vector<StageUse> uses_;
 };
 
+// StageRecorder forwards operations to other stages and records them in a StageLog.
 class StageRecorder final : public Stages {
  public:
   StageRecorder(StageLog& log, Stages& stages) : log_(log), stages_(stages) {}
@@ -72,7 +75,8 @@ class StageRecorder final : public Stages {
   Stages& stages_;
 };
 
-// Renders views in the order of training until kViewSeconds have passed, and returns their intersections.
+// Renders views in the order of `views` and returns the number of intersections of each. Stops when
+// kViewSeconds have passed and at least kMinViews are rendered, or after kMaxViews.
 template <typename Splats>  // SplatView, or a span of RenderGroup
 std::vector<std::uint64_t> count_views(Renderer& renderer, const Splats& splats,
                                        const RenderSettings& settings,
@@ -93,13 +97,14 @@ void take_counts(PlanPoint& point, const std::vector<std::uint64_t>& counts) {
   }
 }
 
-// Returns the capacity of a buffer after a request. Buffers grow by at least half (Buffer::reserve).
+// Returns the capacity that a buffer with the capacity `room` has after a request. If a buffer grows, it
+// grows by at least half of its capacity (Buffer::reserve).
 std::uint64_t room_after(std::uint64_t room, std::uint64_t request) {
   return request <= room ? room : std::max(request, room + room / 2);
 }
 
-// Returns the capacity that the list buffers have at the end of the run. It simulates their growth: first for
-// the measured views of the start, then while the number of splats grows.
+// Returns the capacity that the list buffers have at the end of the run. It simulates how the buffers grow,
+// first with the measured views of the initial model, and then while the number of splats increases.
 std::uint64_t room_at_end(const RunPlan& plan, const Schedule& schedule,
                           const std::vector<std::uint64_t>& first_views) {
   std::uint64_t room = 0;
@@ -145,12 +150,13 @@ std::vector<StageUse> record_drawing(Device& device, const DeviceGroups& model, 
   return log.uses();
 }
 
-// Measures the intersections and the steps with copies of the model that have the final number of splats.
+// Measures the intersections and the step times at the end of the run, with copies of the initial splats up
+// to the final number of splats.
 void measure_end(Trainer& trainer, const TrainSettings& measuring, const Split& train,
                  const SplatModel& initial, const std::vector<std::uint32_t>& views,
                  const std::vector<std::uint64_t>& first_views, RunPlan& plan) {
   const TrainState grown = first_state(trainer, copies(initial, plan.end.splats), measuring);
-  trainer.restore(grown);  // with the cameras of the last level
+  trainer.restore(grown);  // the cameras are those of the last level, which has full-size images
   double before = 0, after = 0;
   for (std::size_t k = 0; k < std::min({kEndViews, views.size(), first_views.size()}); ++k) {
     before += static_cast<double>(first_views[k]);
@@ -169,8 +175,8 @@ void measure_end(Trainer& trainer, const TrainSettings& measuring, const Split& 
   plan.end.measured = true;
 }
 
-// Scales the measurements of the start to the final number of splats. This is used if the model with that
-// many splats is too large to be measured.
+// Extrapolates the measurements with the initial model to the final number of splats. This is used if a model
+// with the final number of splats is too large to be measured.
 void scale_end(RunPlan& plan) {
   const double ratio = static_cast<double>(plan.end.splats) / plan.start.splats;
   plan.end.mean_intersections = ratio * plan.start.mean_intersections;
@@ -180,8 +186,8 @@ void scale_end(RunPlan& plan) {
   for (PlanLevel& level : plan.levels) level.end_ms = ratio * level.start_ms;
 }
 
-// Returns the mean time of a step over the run, while the number of splats grows from the initial to the
-// final number.
+// Returns the mean time of a step over the whole run, in which the number of splats grows from the initial to
+// the final number.
 double mean_step_ms(const RunPlan& plan, const Schedule& schedule, const std::vector<PyramidLevel>& levels) {
   std::vector<StepCost> costs;
   const double start = plan.start.splats, end = plan.end.splats;

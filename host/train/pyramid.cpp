@@ -14,7 +14,8 @@ int least_side(const Split& train) {
   return side;
 }
 
-// The sums over the pixels of one square: `sum` over the pixels that count, `all` over all pixels.
+// Square holds sums over the pixels of one square. `sum` is the sum over the pixels that are not masked,
+// `all` is the sum over all pixels, and `counted` is the number of pixels that are not masked.
 struct Square {
   unsigned sum[3] = {0, 0, 0}, all[3] = {0, 0, 0}, counted = 0;
 };

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The image pyramid lets training start on coarse images (docs/budget.md). This file determines the factor by
-// which images and cameras are reduced at an iteration, and reduces them. The factor depends only on the
-// settings and the data, so that a run can be resumed at any iteration.
+// With an image pyramid, training starts with reduced images (docs/budget.md). The functions of this file
+// determine the factor by which images and cameras are reduced at an iteration, and reduce them. The factor
+// depends only on the settings and the data, so that a run can be resumed at any iteration.
 #pragma once
 
 #include <vector>
@@ -12,17 +12,17 @@
 namespace ubs {
 
 struct PyramidLevel {
-  int factor = 1;    // both sides of every training image are divided by it
+  int factor = 1;    // by which width and height of the training images are divided
   double until = 0;  // share of the work at which the level ends
   bool operator==(const PyramidLevel&) const = default;
 };
 
-// Minimum side of a reduced image [px]; smaller images show too little of the scene.
+// Minimum width and height of a reduced image [px]. Smaller images show too little detail.
 inline constexpr int kMinShortSide = 64;
 
-// Returns the levels of a run on these views. The last level has factor 1 and lasts until the end. If a
-// factor would make a side of a view shorter than kMinShortSide, it is halved until this is no longer the
-// case.
+// Returns the levels of a run with the views `train`. The last level has the factor 1 and lasts until the
+// end. A factor for which a side of a view would be shorter than kMinShortSide is halved until all sides are
+// long enough.
 std::vector<PyramidLevel> pyramid_levels(const TrainSettings& settings, const Split& train);
 // Returns the factor at an iteration (counted from 1), or at a share of the work.
 int factor_at(const std::vector<PyramidLevel>& levels, const WorkShare& work, int iteration);
@@ -32,8 +32,8 @@ int factor_at(const std::vector<PyramidLevel>& levels, double share);
 // bottom edges are cropped.
 Camera reduced(const Camera& camera, int factor);
 // Returns the reduced image. Each pixel is the rounded mean of its square of factor x factor pixels. If the
-// image has a mask, the mean is over the pixels that count, and the reduced pixel counts if at least half of
-// its square does.
+// image has a mask, the mean is computed from the pixels that are not masked. The reduced pixel is masked if
+// more than half of the pixels of its square are masked.
 Image8 reduced(const Image8& image, int factor);
 
 }  // namespace ubs

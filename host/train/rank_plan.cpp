@@ -18,11 +18,14 @@
 namespace ubs {
 namespace {
 
+// kViews is the maximum number of views that are measured. They are measured with all splats, and with a
+// number of splats that is smaller by the factor kFewer.
 constexpr std::size_t kViews = 6, kFewer = 8;
-constexpr int kTimes = 5;
+constexpr int kTimes = 5;  // number of runs of which the fastest is used
 constexpr std::size_t kRecordBytes = kSplatStride * sizeof(float);
-// Bytes per visible splat on the rank that renders the view. They hold the record, its gradient and the
-// gradient of the previous view, and also the depth key, the tile rectangle, the count and the offset.
+// Additional bytes per visible splat on the rank that renders a view. They contain the record, its gradient
+// and the gradient of the previous view, and the depth key, the tile rectangle, the tile count and the slot
+// offset.
 constexpr double kDrawnBytes = 3 * kRecordBytes + 20;
 // Number of rounds that are transferred at the same time. The buffers of each round hold the records or the
 // gradients, and DrawnSplats::places.
@@ -33,7 +36,7 @@ struct RankTimes {
   double splats = 0, drawn = 0, intersections = 0;                    // per view
 };
 
-// RankStep holds the model on the device and everything that a step needs.
+// RankStep holds a model on the device and the buffers of a training step. It measures the parts of a step.
 class RankStep {
  public:
   RankStep(Device& device, const TrainSettings& settings, const Split& views, const SplatModel& model)
@@ -193,8 +196,8 @@ RankPrediction predict_ranks(const RankCosts& costs, double splats, int batch, i
   const double away = (ranks - 1.0) / ranks;
   p.sent_bytes = away * kRecordBytes * drawn * (static_cast<double>(batch) / ranks + rounds);
   const double doublings = std::ceil(std::log2(ranks));
-  // The first term counts the messages with the sizes and the data of the exchanges. The second counts those
-  // of the sums of the step.
+  // The first term is the number of messages with the sizes and the data of the exchanges. The second term is
+  // the number of messages for the sums over all ranks.
   const double messages = 2 * rounds * (doublings + ranks - 1) + 4 * doublings;
   const double all_ms =
       1e3 * p.sent_bytes / (1e9 * network.gigabytes_per_second) + 1e-3 * network.latency_us * messages;

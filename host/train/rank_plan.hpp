@@ -14,21 +14,22 @@
 
 namespace ubs {
 
-// Milliseconds for n splats: fixed + each * n.
+// LinearCost is a time that depends linearly on a number n of splats: fixed + each * n milliseconds.
 struct LinearCost {
   double fixed = 0, each = 0;
   double operator()(double n) const { return fixed + each * n; }
 };
 
-// Costs on one device. They are per view unless the comment says otherwise.
+// RankCosts holds the measured times of the parts of a step on one device. Except for `update`, they are
+// times per view.
 struct RankCosts {
-  LinearCost whole;        // a view with its gradient, in one process that has all splats
-  LinearCost project;      // from the splats of a rank to records that can be sent
-  LinearCost draw;         // from received records to their gradients that can be sent
-  LinearCost gradient;     // from received gradients to the parameter gradients of a rank's splats
-  LinearCost update;       // optimiser step for a rank's splats; per step
-  double drawn_share = 0;  // visible splats / all splats
-  double intersections_per_drawn = 0;  // tiles per visible splat
+  LinearCost whole;                    // forward and backward pass in one process that has all splats
+  LinearCost project;                  // computes the records of a rank's splats, until they can be sent
+  LinearCost draw;                     // renders received records, until their gradients can be sent
+  LinearCost gradient;                 // computes parameter gradients from received gradients of records
+  LinearCost update;                   // optimiser step for the splats of a rank; time per step
+  double drawn_share = 0;              // share of the splats that are visible in a view
+  double intersections_per_drawn = 0;  // mean number of tiles of a visible splat
 };
 
 struct RankNetwork {
@@ -38,11 +39,11 @@ struct RankNetwork {
 
 struct RankPrediction {
   int ranks = 1;
-  double splats = 0;      // per rank
-  double compute_ms = 0;  // on the rank that renders the most views
-  double network_ms = 0;  // communication that does not overlap with computation
-  double sent_bytes = 0;  // bytes that this rank sends
-  double device_bytes = 0;
+  double splats = 0;        // number of splats per rank
+  double compute_ms = 0;    // on the rank that renders the most views
+  double network_ms = 0;    // communication that does not overlap with computation
+  double sent_bytes = 0;    // number of bytes that each rank sends
+  double device_bytes = 0;  // device memory of a rank
   double step_ms() const { return compute_ms + network_ms; }
 };
 
@@ -50,8 +51,8 @@ struct RankPrediction {
 RankCosts measure_rank_costs(Device& device, const TrainSettings& settings, const Split& train,
                              const SplatModel& model);
 
-// Predicts a step of `batch` views. `memory` describes the device of a rank; its numbers of splats and
-// intersections are set here.
+// Predicts the time and the memory of a step with `batch` views. `memory` contains the other inputs of the
+// memory estimate; the function sets its numbers of splats and intersections.
 RankPrediction predict_ranks(const RankCosts& costs, double splats, int batch, int ranks,
                              const RankNetwork& network, MemoryQuestion memory);
 

@@ -86,17 +86,18 @@ std::vector<std::string> kernel_assignments(const TrainSettings& settings) {
   return assignments;
 }
 
-// On CPUs the wait costs one launch latency, less than a hundredth of a step, whereas a host thread that runs
-// ahead competes with the workers for the cores (docs/results/2026-11-20-lists.md). On GPUs the wait drains
-// the queue.
+// On CPUs, waiting takes less than a hundredth of a step, and a host thread that does not wait would compete
+// with the kernels for the cores (docs/results/2026-11-20-lists.md). On GPUs, waiting would leave the device
+// without work until the host has enqueued the next operations.
 bool lists_uncounted(const TrainSettings& settings, const DeviceInfo& device) {
   return settings.list_counts == ListCounts::bound ||
          (settings.list_counts == ListCounts::automatic && device.type != DeviceType::cpu);
 }
 
-// A Gaussian has no gradient where alpha is below 1/255, so opacities must not fall faster than sizes can
-// adapt. lr_opacity 0.025 is the current rate of 3DGS. For lr_scale, 3DGS uses 0.005 (for ln sigma), but it
-// starts from points of a reconstruction. With random points on lego_200, training is faster with 0.02
+// The values for Gaussians have these reasons. Pixels where the alpha of a Gaussian is below 1/255 contribute
+// no gradient, so opacities must not decrease faster than the sizes of splats can adapt. lr_opacity = 0.025
+// is the rate that 3DGS uses today. For scales, 3DGS uses a rate of 0.005 (for ln sigma), but it starts from
+// the points of a reconstruction. With random points on lego_200, training is faster with 0.02
 // (docs/results/2026-11-21-accuracy.md).
 TrainSettings resolve_automatic(TrainSettings s) {
   const bool gaussian = s.variant.kernel == SpatialKernel::gaussian;
@@ -138,7 +139,7 @@ MemoryQuestion memory_question(const TrainSettings& settings, const Split& train
       }
     }
   if (question.target_bytes > kTargetBudgetBytes)
-    question.target_bytes = kTargetBudgetBytes + 2 * largest;  // two staging buffers
+    question.target_bytes = kTargetBudgetBytes + 2 * largest;  // plus two staging buffers
   return question;
 }
 

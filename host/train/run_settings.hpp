@@ -21,30 +21,33 @@ KernelConfig kernel_config(int dim, const ModelVariant& variant, const TrainSett
                            const DeviceInfo& device);
 // Returns the kernel configuration of a training, in which the frozen parameter groups are not trained.
 KernelConfig training_config(const TrainSettings& settings, const DeviceInfo& device);
+// Returns the settings of the renderer: planes, blur and background.
 RenderSettings render_settings(const TrainSettings& settings);
-// Returns the background `behind` with the values that have been learnt so far. `sky` is that of a
-// TrainState; it is empty if the background is not learnt.
+// Returns `behind` with the colour, or the sky, that training has learnt so far. `sky` is TrainState::sky. If
+// it is empty, the background is not learnt, and `behind` is returned unchanged.
 Background learnt_background(Background behind, const std::vector<float>& sky);
 // Returns the options for initialising splats.
 InitOptions init_options(const TrainSettings& settings);
 // Throws Error(usage) if a training with these settings cannot start from the model, because its dimension or
 // variant differs.
 void check_initial(const TrainSettings& settings, const SplatModel& initial);
-// Returns whether training renders without waiting for the size of the lists. The setting list_counts
-// determines this. If it is auto, the device type decides.
+// Returns whether training renders without waiting for the size of the tile lists. The setting list_counts
+// determines this. If it is `automatic`, training waits only on CPUs.
 bool lists_uncounted(const TrainSettings& settings, const DeviceInfo& device);
 
-// Returns "key=value" for the settings that specialise kernels and are not at their defaults: skipped work,
-// approximations, frozen groups. N, `raster` and the variant of the model are not included.
+// Returns "key=value" for each setting with kOfKernels that is not at its default. Such settings are compiled
+// into kernels: alpha_min, query_grad, math and freeze. N, `raster` and the variant of the model are not
+// included.
 std::vector<std::string> kernel_assignments(const TrainSettings& settings);
 
-// Replaces "auto" in the fields that depend on other settings: noise_lr (1e6, with time 1; an automatic unit
-// sets it already), lr_rgb (1e-3, with spherical harmonics or lobes 2.5e-3), lr_opacity (0.05, with kernel
-// gaussian 0.025) and lr_scale (0.005, with kernel gaussian 0.02). dim must be a number.
+// Replaces "auto" in the fields whose values depend on other settings. noise_lr becomes 1 for models with
+// time, otherwise 1e6. lr_rgb becomes 1e-3, or 2.5e-3 for spherical harmonics and lobes. lr_opacity becomes
+// 0.05, or 0.025 for the kernel gaussian. lr_scale becomes 0.005, or 0.02 for the kernel gaussian. dim must
+// be a number. If the unit was automatic, noise_lr has been replaced before.
 TrainSettings resolve_automatic(TrainSettings settings);
 
-// Returns the input of plan_memory() for a training with at most `splats` splats on views of these sizes. The
-// number of intersections remains 0.
+// Returns the input of plan_memory() for a training with at most `splats` splats on these views. The number
+// of intersections is set to 0.
 MemoryQuestion memory_question(const TrainSettings& settings, const Split& train, const Split& test,
                                const DeviceInfo& device, std::size_t splats);
 

@@ -9,13 +9,14 @@
 namespace ubs {
 namespace {
 
-// Camera sweeps start when the model shows the structure of the scene. After the last sweep the model adapts
-// to the final cameras.
+// The first camera sweep takes place when the model already shows the structure of the scene. After the last
+// sweep, the model adapts to the final cameras.
 constexpr int kSweeps = 20;
-constexpr double kFirstSweep = 0.1, kLastSweep = 0.9;  // shares of the iterations
+constexpr double kFirstSweep = 0.1, kLastSweep = 0.9;  // shares of the work
 
-// Adam moves a parameter by about its learning rate per step. The gains of an image are logarithms. With
-// steps of the initial rate they can move by 6 in total: the rate is 0.1 for 60 steps
+// Adam changes a parameter by about its learning rate per step. The initial rate of the appearance of an
+// image is chosen so that its gains, which are logarithms, can change by kAppearanceTravel during the run. It
+// is limited to the range from kAppearanceRate to kMaxAppearanceRate, so it is 0.1 for 60 steps or fewer
 // (tests/train/appearance_training_test.cpp), and 0.02 for 300 steps or more.
 constexpr double kAppearanceTravel = 6, kAppearanceRate = 0.02, kMaxAppearanceRate = 0.1;
 

@@ -11,8 +11,8 @@
 namespace ubs {
 namespace {
 
-// Returns the high word of the product of two 64-bit numbers. The calculation is that of mcmc_draw in
-// kernels/map/mcmc.cl.
+// Returns the high 64 bits of the product of two 64-bit numbers. mcmc_draw in kernels/map/mcmc.cl computes
+// them in the same way.
 std::uint64_t high_product(std::uint64_t a, std::uint64_t b) {
   const std::uint64_t a0 = a & 0xffffffffu, a1 = a >> 32, b0 = b & 0xffffffffu, b1 = b >> 32;
   const std::uint64_t middle = a1 * b0 + (a0 * b0 >> 32), other = a0 * b1 + (middle & 0xffffffffu);
@@ -22,7 +22,7 @@ std::uint64_t high_product(std::uint64_t a, std::uint64_t b) {
 std::uint32_t low_half(std::uint64_t v) { return static_cast<std::uint32_t>(v); }
 std::uint32_t high_half(std::uint64_t v) { return static_cast<std::uint32_t>(v >> 32); }
 
-// Returns the part of a share before `end`.
+// Returns the splats of `share` whose index is below `end`.
 Share until(Share share, std::uint32_t end) {
   const std::uint32_t first = std::min(share.first, end);
   return {first, std::min(share.end(), end) - first};
@@ -123,8 +123,9 @@ void SharedSplats::grow(std::uint32_t target, std::uint64_t seed, std::uint64_t 
   total_ = target;
 }
 
-// Each slot draws a ticket, a number below the sum of the weights of all ranks. The rank whose weights
-// contain this number answers with a copy of the source.
+// For each slot, a random number (a ticket) below the sum of the weights of all ranks is drawn. It selects a
+// source splat with a probability that is proportional to its weight. The rank that holds the source sends a
+// copy of it.
 std::uint32_t SharedSplats::replace(const Draw& draw, const std::vector<std::uint32_t>& own_weights,
                                     std::span<const Slot> slots) {
   std::vector<std::uint32_t> weights = own_weights;
@@ -139,7 +140,7 @@ std::uint32_t SharedSplats::replace(const Draw& draw, const std::vector<std::uin
   add_up();
   if (ends.back() == 0) {
     if (draw.alive_only) return 0;
-    // All opacities are zero or NaN, so growth draws all splats with equal probability.
+    // All opacities are zero or NaN, so growth selects all splats with equal probability.
     std::ranges::fill(weights, 1u);
     add_up();
   }
@@ -160,8 +161,8 @@ std::uint32_t SharedSplats::replace(const Draw& draw, const std::vector<std::uin
   return static_cast<std::uint32_t>(drawn);
 }
 
-// Reduces the opacity of the drawn sources, and sends a column with the parameters of each source to the rank
-// that drew it.
+// Reduces the opacity of the sources on this rank that were drawn, and sends the parameters of each of them,
+// as a column, to the rank that drew it. Returns the columns that this rank receives.
 std::vector<Bytes> SharedSplats::answer(const std::vector<Bytes>& tickets,
                                         const std::vector<std::uint32_t>& weights) {
   std::vector<std::uint64_t> ends(weights.begin(), weights.end());
@@ -190,8 +191,9 @@ std::vector<Bytes> SharedSplats::answer(const std::vector<Bytes>& tickets,
   return exchange_values(ranks_, columns);
 }
 
-// Writes the received columns into the slots, row by row. The columns of each rank are in the order of the
-// slots that drew from it. A source is never a slot.
+// Writes the received columns into the slots, row by row, and sets the moments of the slots to zero. The
+// columns from each rank are in the order of the slots that drew from it. No splat is both a source and a
+// slot.
 void SharedSplats::fill(std::span<const Slot> slots, std::span<const std::size_t> owners,
                         const std::vector<Bytes>& columns) {
   if (slots.empty()) return;
@@ -209,8 +211,8 @@ void SharedSplats::fill(std::span<const Slot> slots, std::span<const std::size_t
     }
 }
 
-// Moves the existing splats between ranks, from the distribution for their present number to the distribution
-// for `target`.
+// Moves the existing splats between ranks, so that they are distributed as required for a total of `target`
+// splats.
 void SharedSplats::move_parts(std::uint32_t target) {
   const int size = ranks_.size();
   const auto before = [&](int r) { return share_of(total_, size, r); };
@@ -232,7 +234,7 @@ void SharedSplats::move_parts(std::uint32_t target) {
       }
     }
   const std::vector<Bytes> come = exchange_values(ranks_, pieces);
-  // Pad with zeros after the last splat, as in a model of one process, because kernels read whole vectors.
+  // Write zeros after the last splat, because kernels read whole vectors.
   const std::uint32_t padded =
       std::min((now.count + kShareBlock - 1) / kShareBlock * kShareBlock, model_.stride());
   std::vector<std::size_t> at(come.size());

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// SharedSplats holds one rank's part of the splats that the ranks of a job train together
-// (host/cluster/share.hpp). Relocation and growth act on all parts together. They make the same draws as
-// Stages::relocate and Stages::grow and give bit-identical results.
+// SharedSplats holds one rank's part of the splats that the ranks of an MPI job train together
+// (host/cluster/share.hpp). Relocation and growth act on the splats of all ranks. They use the same random
+// numbers as Stages::relocate and Stages::grow, and the results are bit-identical.
 #pragma once
 
 #include <array>
@@ -15,7 +15,8 @@ namespace ubs {
 
 class SharedSplats final : public TrainedSplats {
  public:
-  // `initial` and `capacity` refer to all ranks together.
+  // `initial` contains the splats of all ranks. `capacity` is the maximum number of splats of all ranks
+  // together.
   SharedSplats(Communicator& ranks, Device& device, Stages& stages, const SplatModel& initial,
                std::size_t capacity);
 
@@ -29,20 +30,23 @@ class SharedSplats final : public TrainedSplats {
   void load(const TrainState& state) override;
 
  private:
+  // Draw contains the inputs of the random numbers that select sources.
   struct Draw {
     std::uint32_t purpose;
     bool alive_only;
     std::uint64_t seed, iteration;
   };
+  // Slot is a place for a copy of a source splat.
   struct Slot {
-    std::uint32_t place, number;  // index in this rank's part; number of the draw
+    std::uint32_t place, number;  // index in this rank's part; index of the slot's random number
   };
   Share share() const { return share_of(total_, ranks_.size(), ranks_.rank()); }
   SplatModel gather_model(bool everywhere) const;
-  // Returns the rows of all splats without padding: on the first rank, or with `everywhere` on all ranks. On
-  // the other ranks the result is empty.
+  // Returns the rows of the splats of all ranks without padding. Without `everywhere`, the result is empty on
+  // all ranks but the first.
   std::vector<float> gather(const Buffer<float>& part, bool everywhere) const;
-  // Fills the slots of all ranks with copies of drawn sources. Returns how many slots were filled.
+  // Fills the slots of all ranks with copies of randomly selected sources. Returns the number of slots that
+  // were filled.
   std::uint32_t replace(const Draw& draw, const std::vector<std::uint32_t>& weights,
                         std::span<const Slot> slots);
   std::vector<std::uint32_t> weigh(bool alive_only);
@@ -59,7 +63,8 @@ class SharedSplats final : public TrainedSplats {
   Buffer<std::uint32_t> weights_, copy_counts_;
 };
 
-// Returns the splats of this rank: all splats, if there is only one.
+// Returns the splats of this rank. If there is only one rank, these are all splats, in an object of the base
+// class.
 std::unique_ptr<TrainedSplats> make_trained_splats(Communicator& ranks, Device& device, Stages& stages,
                                                    const SplatModel& initial, std::size_t capacity);
 

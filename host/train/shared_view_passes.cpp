@@ -55,8 +55,8 @@ void SharedViewPasses::upload_first(int iteration) {
   if (view != kNoView) views_.upload(views_.first_draw(iteration) + static_cast<std::uint64_t>(view));
 }
 
-// Gradients are added in the order of the draws, on the rank that has the splats. While the device renders
-// the views of a round, the records of the next round and the gradients of the previous round are
+// The rank that holds a splat adds the gradients of the splat in the order of the draws. While the device
+// renders the views of a round, the records of the next round and the gradients of the previous round are
 // transferred.
 int SharedViewPasses::run(const StepViews& step) {
   const auto rank = static_cast<std::size_t>(ranks_.rank());
@@ -115,7 +115,7 @@ int SharedViewPasses::run(const StepViews& step) {
   return drawn;
 }
 
-// Merges rows that are indexed by draw. Each rank contributes the rows of the views that it renders.
+// Each rank contributes the rows of the views that it renders. Afterwards, all ranks have all rows.
 void SharedViewPasses::merge(BufferView<float> rows, std::size_t width) const {
   if (rows.size == 0) return;
   std::vector<float> values = read_values(device_, rows, rows.size);

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// SharedViewPasses divides the views of a step among the ranks of a job (docs/cluster.md). Every rank
-// projects its splats for all views. The rank that renders a view receives the records of the projected
-// splats from all ranks and sends their gradients back.
+// SharedViewPasses divides the views of a step among the ranks of an MPI job (docs/cluster.md). Every rank
+// projects its splats for all views of the step. The rank that renders a view receives the records of the
+// projected splats from all ranks and sends their gradients back.
 #pragma once
 
 #include <memory>
@@ -22,13 +22,15 @@ class SharedViewPasses final : public ViewPasses {
         shared_(ranks, device, stages, renderer_),
         deal_(views.batch(), ranks.size()) {}
 
-  // Sets how many views of a batch each rank renders; the default is equal numbers. Must be called before the
-  // first step.
+  // Sets how many views of a batch each rank renders. Without this call, all ranks render equal numbers. Must
+  // be called before the first step.
   void deal_views(std::vector<std::uint64_t> by_rank) { deal_ = Deal(std::move(by_rank)); }
   const Deal& deal() const { return deal_; }
-  std::uint64_t bytes_sent() const { return shared_.bytes_sent(); }  // by this rank
-  // Renders a training view on the device of every rank and compares the images. Returns for each rank the
-  // largest difference from the image of the first rank, where white is 1.
+  // Returns the number of bytes that this rank has sent.
+  std::uint64_t bytes_sent() const { return shared_.bytes_sent(); }
+  // Renders a training view on the device of every rank and compares the images. On the first rank, returns
+  // for each rank the largest absolute difference of its image from the image of the first rank. Colours are
+  // from 0 to 1.
   std::vector<double> picture_differences(std::uint32_t view);
 
   void set_cameras(const std::vector<Camera>& cameras) override;
@@ -42,7 +44,7 @@ class SharedViewPasses final : public ViewPasses {
  private:
   Metrics evaluate_test_views(ImageMetrics* more, Appearance fit) override;
   Communicator& ranks() override { return ranks_; }
-  // Each rank renders one view, or none (kNoView).
+  // Renders cameras[r] on rank r, or nothing if it is kNoView.
   void draw_round(std::vector<std::int64_t> cameras);
 
   Communicator& ranks_;
@@ -50,7 +52,8 @@ class SharedViewPasses final : public ViewPasses {
   Deal deal_;
 };
 
-// Returns the passes of this rank: those over all views, if there is only one.
+// Returns the passes of this rank. If there is only one rank, they render all views, in an object of the base
+// class.
 std::unique_ptr<ViewPasses> make_view_passes(Communicator& ranks, Device& device, Stages& stages,
                                              TrainingViews& views, TrainedSplats& splats,
                                              const RenderSettings& settings);

@@ -11,7 +11,8 @@ namespace {
 
 std::size_t bytes_of(const Image8& image) { return image.rgb.size() + image.mask.size(); }
 
-// Reading from a network drive may fail once. Retry, and report only a second failure.
+// Returns an image from the pool. Reading from a network drive may fail once, so the function retries and
+// only reports a second failure.
 std::shared_ptr<const Image8> get_or_retry(ImagePool& pool, std::size_t index) {
   try {
     return pool.get(index);

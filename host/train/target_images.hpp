@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // TargetImages holds the ground-truth images on the device as planar 8-bit data, with their masks if they
 // have one. Images stay on the device while they fit into a budget. The others pass through two staging
-// buffers in turn, so that one buffer is filled while the other one is read. If images are not in host
-// memory, a pool with a budget of its own decodes them when they are needed.
+// buffers in turn, so that one buffer is filled while the other one is read. Images that are not in host
+// memory are decoded when they are needed, by an ImagePool with a separate memory budget.
 #pragma once
 
 #include <array>
@@ -19,8 +19,8 @@ namespace ubs {
 // (`target`, `mask`, `counted`) of ImageLoss.
 struct Target {
   BufferView<std::uint8_t> image;  // (3, height, width)
-  BufferView<std::uint8_t> mask;   // (height, width); empty: all pixels count
-  std::uint32_t counted = 0;       // number of pixels that count, if there is a mask
+  BufferView<std::uint8_t> mask;   // (height, width); empty: no pixel is masked
+  std::uint32_t counted = 0;       // number of pixels that are not masked, if there is a mask
 };
 
 // Maximum size of the ground truth that stays on the device.
@@ -33,11 +33,11 @@ class TargetImages {
 
   // Registers the images of a split after those that are already registered. Every view must have an image.
   void add(const Split& split);
-  // Reduces the first `views` images by this factor from now on (host/train/pyramid.hpp). The function waits
-  // for the device.
+  // From now on, get() returns the first `views` images reduced by this factor (host/train/pyramid.hpp). The
+  // function waits for the device.
   void reduce(std::size_t views, int factor);
-  // Returns the image with the number `index`. It stays valid after the next call of get() or upload() with
-  // another index, but not after the second such call.
+  // Returns the image with the index `index`, counted over all splits. The result is valid until the second
+  // following call of get() or upload() with another index.
   Target get(std::size_t index);
   // Starts to copy an image to the device, before get() needs it. The copy runs in parallel with the
   // operations that are enqueued after this call.
@@ -49,14 +49,15 @@ class TargetImages {
   struct Planes {
     Buffer<std::uint8_t> image, mask;
     std::uint32_t counted = 0;
-    // True if the image has a mask. In staging, `mask` may be left over from another image.
+    // Whether the image has a mask. If not, `mask` of a staging buffer may still contain the mask of another
+    // image.
     bool masked = false;
     Target view() const { return {image.view(), masked ? mask.view() : BufferView<std::uint8_t>{}, counted}; }
   };
   struct Entry {
     const Image8* image;  // null if the pool provides it
-    std::size_t pooled;   // its number in the pool
-    Planes planes;        // empty before the first use, and if the budget has no room for it
+    std::size_t pooled;   // index of the image in the pool
+    Planes planes;        // empty before the first use, and if it does not fit into the budget
   };
   Device& device_;
   std::size_t budget_, used_ = 0, cache_;
@@ -66,7 +67,7 @@ class TargetImages {
   std::vector<Entry> entries_;
   struct Staging {
     Planes planes;
-    std::size_t index = kNone;  // number of the image that it holds
+    std::size_t index = kNone;  // index of the image that it contains
   };
   static constexpr std::size_t kNone = ~std::size_t{0};
   const Staging* find_staged(std::size_t index) const;

@@ -9,7 +9,8 @@
 
 namespace ubs {
 
-// Returns the operation that computes only the values of the loss, for the image without an appearance map.
+// Returns the operation that computes the values of the loss, but no gradient. No appearance map is applied
+// to the image.
 inline ImageLoss loss_of(const ImageShape& shape, BufferView<float> image, const Target& target,
                          BufferView<float> sums) {
   return {.shape = shape,
@@ -25,7 +26,8 @@ inline ImageLoss loss_of(const Renderer& renderer, const Target& target, BufferV
   return loss_of(renderer.shape(), renderer.image(), target, sums);
 }
 
-// Returns the operation that also computes the gradient of the training loss, into the renderer's v_image().
+// Returns the operation that computes the values of the training loss and stores its gradient in the
+// renderer's v_image().
 inline ImageLoss training_loss(const Renderer& renderer, const Target& target, const TrainSettings& settings,
                                BufferView<float> sums) {
   ImageLoss loss = loss_of(renderer, target, sums);

@@ -7,11 +7,13 @@
 namespace ubs {
 namespace {
 
-constexpr std::array kShares{0.2, 0.4, 0.6, 0.8};
-constexpr std::size_t kMostViews = 8;
+constexpr std::array kShares{0.2, 0.4, 0.6, 0.8};  // shares of the work after which the sample is measured
+constexpr std::size_t kMostViews = 8;              // maximum number of views in the sample
+// Maximum time of all measurements together: a share of the training time, and for runs with a time budget
+// also a number of seconds.
 constexpr double kTimeShare = 0.02, kMostSeconds = 2;
-// The sample is chosen for this part of the allowed time, because views take longer when there are more
-// splats.
+// The size of the sample is chosen so that the first measurement takes at most this part of the allowed time.
+// Later measurements take longer, because there are more splats.
 constexpr double kUsed = 0.5;
 
 }  // namespace
@@ -31,7 +33,7 @@ SampledPsnr TestSample::measure(const std::function<double(std::uint32_t view)>&
   const double begin = now();
   double sum = 0;
   std::size_t measured = 0;
-  if (views_.empty()) {  // the first view shows how many the sample can have
+  if (views_.empty()) {  // the time of the first view determines the size of the sample
     sum = measure(0);
     measured = 1;
     const double each = now() - begin, left = kUsed * (allowed_ - spent_) - each;

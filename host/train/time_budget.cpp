@@ -13,21 +13,22 @@
 namespace ubs {
 namespace {
 
-constexpr int kSamples = 400;          // number of points of the work at which its time is sampled
-constexpr double kMinStepShare = 0.1;  // a step takes at least this share of fixed_ms, even with few splats
+constexpr int kSamples = 400;          // number of parts of the work whose time is computed separately
+constexpr double kMinStepShare = 0.1;  // minimum time of a step, as a share of fixed_ms
 // Minimum and maximum of the ratio of the speed after a point to the speed before it. The speed is the number
 // of iterations for the whole work.
 constexpr double kLeastChange = 0.5, kMostChange = 1.5;
 constexpr double kFresh = 0.5;  // weight of the latest measurement in slowness_
-// The distance of two points is 1/kPoints of the whole run, or 1/kPointsOfRest of the rest of the run if that
-// is less.
+// The distance between two points is 1/kPoints of the iterations of the whole run, or 1/kPointsOfRest of the
+// remaining iterations if this is less.
 constexpr int kPoints = 100, kPointsOfRest = 10;
-// cooldown_seconds()
-constexpr double kCooldownShare = 0.1, kLeastCooldown = 5, kMostCooldown = 60;  // seconds
-// Growth ends when the number of splats exceeds this multiple of the number that the iterations can train.
+// Used by cooldown_seconds(): a share of the training time, and a minimum and a maximum in seconds.
+constexpr double kCooldownShare = 0.1, kLeastCooldown = 5, kMostCooldown = 60;
+// Growth ends when the number of splats exceeds this multiple of the number that the current number of
+// iterations can train.
 constexpr double kSpareSplats = 2;
 
-// Returns the seconds of a unit of time, or 0 if the word is not a unit. A number without a unit is in
+// Returns the number of seconds of a unit of time, or 0 if the word is not a unit. An empty word means
 // seconds.
 double seconds_of_unit(std::string_view unit) {
   const auto is = [&](auto... words) { return ((unit == words) || ...); };
@@ -135,8 +136,8 @@ BudgetedRun choose_iterations(TimeBudget budget, const TrainSettings& base, cons
          kMinIterations, least, budget.seconds);
   if (budget.spent + least > budget.seconds) {
     warn(
-        "{:.3g} s of the budget of {:.3g} s passed before the first iteration, and the minimum of {} "
-        "iterations takes {:.3g} s more",
+        "{:.3g} s of the budget of {:.3g} s passed before the first iteration. The minimum of {} iterations "
+        "takes {:.3g} s more, so the budget will be exceeded",
         budget.spent, budget.seconds, kMinIterations, least);
     budget.seconds = budget.spent + least;
   }
@@ -174,9 +175,10 @@ double BudgetPace::sweeps_left(double share) const {
   return time_.sweeps_left(share) * (sweeps_expected_ > 0 ? swept_ / sweeps_expected_ : 1);
 }
 
-// Steps may be slow because the machine is slow, or because splats are large for a while. Early in a run,
-// both reasons are equally likely (docs/results/2026-11-26-share-of-the-work.md), so the slowness of the past
-// is applied to the rest only in part.
+// Steps may have been slow because the machine is slow, or because splats were large for a while. Early in a
+// run, both reasons are equally likely (docs/results/2026-11-26-share-of-the-work.md). Therefore, only a part
+// of the measured slowness is applied to the rest of the run, and this part grows with the share of the work
+// that is done.
 double BudgetPace::slowness_of_rest(double share) const {
   return std::pow(std::max(slowness_, 1e-6), std::sqrt(share));
 }
@@ -228,7 +230,8 @@ void BudgetPace::complete(TrainSettings& settings, int iteration, double seconds
     points.push_back({++iteration, kLastPart});
     settings.iterations = std::max(settings.iterations, iteration + 1);
     settings.work_shares = to_string(points);
-    // If splats are still to be added, the time of steps was planned for more than there are.
+    // If fewer splats were added than the schedule allows, steps take less time than planned. Correct for
+    // this.
     const auto full = std::ranges::find(budget_.costs, 1, &StepCost::factor);
     if (full != budget_.costs.end())
       slowness_ *= 1e-3 * full->step_ms(splats) * (1 - kLastPart) / time_.steps_left(kLastPart);

@@ -4,7 +4,9 @@
 namespace ubs {
 namespace {
 
-constexpr int kEvery = 53, kFirst = 29;  // skips the first iterations, in which kernels are compiled
+// Iteration kFirst and every kEvery-th iteration after it are sampled. The first iterations are not sampled,
+// because kernels are compiled in them.
+constexpr int kEvery = 53, kFirst = 29;
 constexpr std::size_t kCount = operation_index<CountLists>(), kBuild = operation_index<BuildLists>();
 
 }  // namespace
@@ -20,7 +22,7 @@ void TimedStages::pause() { training_ = sampling_ = false; }
 Outcome TimedStages::run(const Operation& operation) {
   if (!training_) return stages_->run(operation);
   if (!sampling_ && std::holds_alternative<Relocate>(operation)) {
-    device_.finish();  // operations that were enqueued before are not measured
+    device_.finish();  // wait for earlier operations, so that they are not included in the time
     sampling_ = true;
   }
   Account& account = accounts_[operation.index() == kBuild ? kCount : operation.index()];

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// TimedStages passes every call on to other stages and measures its time in sampled iterations, in which it
-// waits after each call. This shows on any back end how the time of a training is distributed, without
-// profiling. Results do not change. A sampled iteration pays for a wait after each of about ten calls (30 to
-// 60 us each on PoCL, less on GPUs). Since one iteration in 53 is sampled, this is less than 0.02 ms per
-// iteration.
+// TimedStages forwards every call to other stages. In some iterations, the samples, it also waits for the
+// device after each call and measures the time of the call. This shows with any back end how the training
+// time is distributed over the operations, without profiling and without any effect on the results. A sampled
+// iteration has about ten calls. Each wait takes 30 to 60 us on PoCL, and less on GPUs. Because one iteration
+// in 53 is sampled, this is less than 0.02 ms per iteration on average.
 #pragma once
 
 #include <array>
@@ -16,10 +16,12 @@
 
 namespace ubs {
 
+// StageTime is the estimated time of one operation in the whole training.
 struct StageTime {
-  std::string_view stage;  // one of kOperationNames; "lists": count_lists and build_lists together
-  std::uint64_t calls = 0, sampled = 0;
-  double seconds = 0;  // estimate for all calls: mean of the sampled calls times `calls`
+  // One of kOperationNames, or "lists" for count_lists and build_lists together.
+  std::string_view stage;
+  std::uint64_t calls = 0, sampled = 0;  // number of all calls, and of measured calls
+  double seconds = 0;                    // mean time of the measured calls, multiplied by `calls`
 };
 
 class TimedStages final : public Stages {
@@ -27,15 +29,16 @@ class TimedStages final : public Stages {
   TimedStages(Device& device, std::unique_ptr<Stages> stages, const TimeSource& time)
       : device_(device), stages_(std::move(stages)), time_(time) {}
 
-  // Must be called at the start of every iteration. Samples every 53rd iteration (a prime, so that in time
-  // all views are sampled and the samples do not coincide with refinements), and every iteration that
-  // `refines`, because such an iteration has stages of its own. If `refines` is false for an iteration that
-  // relocates, sampling starts at its relocation.
+  // Must be called at the start of every iteration. Every 53rd iteration is sampled. 53 is a prime number, so
+  // that all views are sampled in the course of a training, and samples do not coincide with refinements.
+  // Iterations with `refines` are sampled too, because they have additional operations. If an iteration
+  // relocates splats although `refines` is false, sampling starts at the relocation.
   void begin_iteration(int iteration, bool refines);
-  // Ends sampling until the next iteration, because evaluations are not part of training.
+  // Stops counting and sampling until the next iteration. Must be called before an evaluation, which is not
+  // part of the training.
   void pause();
-  // Returns the times of the stages that were called in training. Stages that were never sampled (in short
-  // runs) have 0 seconds.
+  // Returns the times of the operations that the training has called. Operations that were never sampled,
+  // which can happen in short runs, have 0 seconds.
   std::vector<StageTime> times() const;
 
   const KernelConfig& config() const override { return stages_->config(); }

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// TrainState holds, in host memory, everything that a training run needs to continue. All other data follow
-// from the settings and the data set.
+// TrainState is a copy, in host memory, of all data that a training run needs to continue, except for the
+// settings and the data set.
 #pragma once
 
 #include <cstdint>
@@ -11,12 +11,12 @@
 
 namespace ubs {
 
-// The progress of a run.
+// TrainProgress is the part of the state that describes the progress of the run.
 struct TrainProgress {
-  int iteration = 0;  // the last completed iteration
-  int logged = 0;     // the last iteration whose loss was reported
-  std::uint64_t adam_steps = 0;
-  double seconds = 0;  // training time
+  int iteration = 0;             // the last completed iteration
+  int logged = 0;                // the last iteration whose loss was reported
+  std::uint64_t adam_steps = 0;  // number of optimiser steps so far
+  double seconds = 0;            // training time so far
   // Draws that are skipped because they gave a value that is not finite.
   std::set<std::uint64_t> skipped_draws;
   int rollbacks = 0;
@@ -26,9 +26,9 @@ struct TrainProgress {
 struct TrainState : TrainProgress {
   SplatModel model;
   std::vector<float> moment1, moment2;  // (moment rows, model.count), row-major
-  std::vector<float> loss_sums;         // of the views since `logged`, in the layout of LossLog
-  std::vector<float> appearance;        // (training images, 60); empty: not learnt
-  std::vector<float> sky;               // (81), as in SkyStep; empty: not learnt
+  std::vector<float> loss_sums;         // of the views since iteration `logged`, in the layout of LossLog
+  std::vector<float> appearance;        // (training images, 60); empty: no appearance is learnt
+  std::vector<float> sky;               // (81), as in SkyStep; empty: no background is learnt
   std::vector<double> cameras;          // CameraRefiner::state(); empty: cameras are not refined
 };
 

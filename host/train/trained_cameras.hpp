@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// TrainedCameras is the part of a training that refines cameras (method.md 4.10): it sweeps over the cameras
-// of the training views during the run, and at the end fits the cameras of the test views. The model does not
-// change while cameras are refined. Several ranks are not supported.
+// TrainedCameras is the part of a training that refines cameras (method.md 4.10). During the run, it refines
+// the cameras of the training views in several sweeps. At the end, it fits the camera poses of the test views
+// to the model. The model does not change while cameras are refined. Several ranks are not supported.
 #pragma once
 
 #include <vector>
@@ -19,17 +19,20 @@ class TrainedCameras {
       : device_(device), stages_(stages), views_(views), passes_(passes), splats_(splats), time_(time) {}
 
   bool refines() const { return views_.refiner() != nullptr; }
-  // Takes one step of every camera. `done` is the share of all sweeps that have already taken place.
+  // Performs a sweep: one refinement step of every camera. `done` is the share of all sweeps that have
+  // already taken place.
   void sweep(double done);
   double swept_seconds() const { return swept_; }  // seconds of all sweeps so far
   // Returns the estimated seconds of a sweep on images reduced by `factor`. The cameras are not changed.
   double sweep_seconds(int factor);
 
-  const std::vector<Camera>& train() const { return views_.refiner()->cameras(); }  // as refined so far
-  // Returns the cameras from which the test views are measured.
+  // Returns the cameras of the training views, as refined so far.
+  const std::vector<Camera>& train() const { return views_.refiner()->cameras(); }
+  // Returns the cameras with which the test views are evaluated.
   std::vector<Camera> test() const { return views_.test_cameras(); }
-  // held_out() returns the cameras of the test views, fitted to the model at the first call after forget().
-  // learnt() returns the refined cameras of the training views, with their deviations.
+  // held_out() returns the cameras of the test views, fitted to the model. They are computed at the first
+  // call, and again at the first call after forget(). learnt() returns the refined cameras of the training
+  // views, with their standard deviations.
   const std::vector<FittedCamera>& held_out();
   std::vector<FittedCamera> learnt() { return fit(views_.train(), 0, false); }
   void forget() { held_out_.clear(); }

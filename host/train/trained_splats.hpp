@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// TrainedSplats holds the data of the splats that a training changes: parameters on the device, their
-// gradients, and the two moments of Adam. It also relocates and adds splats (method.md 4.3). This class is
-// for one process, which holds all splats. With several ranks, SharedSplats (shared_splats.hpp) holds the
-// part of one rank; then all ranks must make the same calls.
+// TrainedSplats holds the splats of a training on the device: their parameters, the gradients, and the two
+// moments of Adam. It also relocates and adds splats (method.md 4.3). This class is for a single process,
+// which holds all splats. With several ranks, the derived class SharedSplats (shared_splats.hpp) holds the
+// splats of one rank, and all ranks must make the same calls.
 #pragma once
 
 #include <cstdint>
@@ -14,8 +14,8 @@ namespace ubs {
 
 class TrainedSplats {
  public:
-  // `initial` contains the splats that this process holds at the start. `capacity` is the maximum number that
-  // it will hold.
+  // `initial` contains the splats that this process holds at the start. `capacity` is the maximum number of
+  // splats that it will hold.
   TrainedSplats(Device& device, Stages& stages, const SplatModel& initial, std::size_t capacity);
   virtual ~TrainedSplats() = default;
   TrainedSplats(const TrainedSplats&) = delete;
@@ -33,15 +33,15 @@ class TrainedSplats {
   virtual std::uint32_t total() const { return model_.count(); }  // number of splats of all ranks
   virtual std::uint32_t first() const { return 0; }  // number of splats of the ranks before this one
 
-  // Relocates dead splats to live ones. Returns the number of relocated splats of all ranks.
+  // Relocates dead splats to the positions of live ones. Returns the number of relocated splats of all ranks.
   virtual std::uint32_t relocate(std::uint64_t seed, std::uint64_t iteration);
   // Adds copies of splats until there are `target` in total.
   virtual void grow(std::uint32_t target, std::uint64_t seed, std::uint64_t iteration);
 
   // Returns all splats on the first rank, and an empty model on the other ranks.
   virtual SplatModel download() const { return model_.download(); }
-  // Stores the model and the moments in `state`: those of this process, or with `everywhere` those of all
-  // ranks.
+  // Stores the parameters and the moments in `state`. With `everywhere`, these are the data of all splats,
+  // otherwise those of this process.
   virtual void save(TrainState& state, bool everywhere) const;
   // Loads the model and the moments from a state that contains all splats.
   virtual void load(const TrainState& state);

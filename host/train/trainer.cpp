@@ -16,8 +16,8 @@
 namespace ubs {
 namespace {
 
-// Returns the settings for a run that starts from this model: automatic values are resolved, and cap_max is
-// at least the number of its splats.
+// Returns the settings for a run that starts from this model. Automatic values are resolved, and cap_max is
+// increased to the number of splats of the model if it is smaller.
 TrainSettings settings_for(TrainSettings settings, const SplatModel& initial, const Communicator& ranks) {
   check_initial(settings, initial);
   if (ranks.size() > 1 && settings.refine_cameras != RefineCameras::none)
@@ -33,8 +33,8 @@ double extent_of(const Split& train) {
   return at_one_place(cameras_of(train)) ? 1 : scene_extent(train.views);
 }
 
-// TrainingClock adds the training time to `seconds`. The time between the last read() and the next go_on() is
-// not counted.
+// TrainingClock measures the training time. read() updates `seconds`. When go_on() is called, the time since
+// the last read() is not counted.
 class TrainingClock {
  public:
   TrainingClock(const TimeSource& time, double& seconds)
@@ -100,7 +100,7 @@ void Trainer::step() {
     use_level_of(iteration);
     sky_.clear();
     drawn = passes_->run(views_of_step());
-  } catch (...) {  // if an image cannot be read or the lists do not fit into memory, nothing has changed yet
+  } catch (...) {  // for example, an image cannot be read; the state has not changed yet
     --progress_.iteration;
     throw;
   }
@@ -110,7 +110,7 @@ void Trainer::step() {
   const bool moved = refines_now() && refine();
   if (drawn > 0 && !moved) update(drawn);
   if (drawn > 0) sky_.step(*stages_, iteration, schedule_.appearance_rate(iteration, 1), guard_.sentinel());
-  learn_appearances();  // also if splats were moved, because this step depends on the images alone
+  learn_appearances();  // even if splats were moved, because this step does not depend on the splats
   if (const auto done = schedule_.camera_sweep(iteration); done && cameras_.refines()) cameras_.sweep(*done);
   guard_.stepped(progress_, drawn == 0);
   whole_ = true;
@@ -125,8 +125,9 @@ void Trainer::use_level_of(int iteration) {
   if (views_.use_factor(views_.factor_at(schedule_.work(), iteration))) set_cameras(views_.cameras());
 }
 
-// Returns the views of this step. Unless splats are moved first, the gradient of the last view ends at the
-// records, because update() does the rest of the gradient and the Adam step in one pass.
+// Returns the views of this step. For the last view, only the gradient of the records is computed, because
+// update() computes the gradient of the parameters together with the Adam step. In iterations that refine,
+// the complete gradient is computed.
 StepViews Trainer::views_of_step() {
   const std::uint64_t first = views_.first_draw(progress_.iteration);
   return {.first = first,
@@ -164,7 +165,7 @@ bool Trainer::refine() {
 
 void Trainer::update(int views) {
   const AdamStep step = next_step();
-  // This rank has no splats, because there are more ranks than blocks of splats.
+  // There are more ranks than blocks of splats, so this rank has no splats.
   if (step.splats.count == 0) return;
   if (!refines_now()) return passes_->learning_renderer().learn(views > 1, penalty(), step);
   if (schedule_.regularises(progress_.iteration)) stages_->regularise(penalty());
@@ -219,7 +220,8 @@ void Trainer::run(const std::function<bool(const StepReport&)>& on_step) {
     }
     const int iteration = progress_.iteration;
     const Due now = due(evaluated);
-    // Check the values before anything but Adam changes the state, and before the state leaves the trainer.
+    // Check the values before anything other than the Adam step changes the state, and before the state is
+    // saved or reported.
     if (now.looks && !look()) clock.go_on();
     if (progress_.iteration != iteration) continue;  // an earlier state was restored
     StepReport report{.iteration = iteration,
@@ -244,8 +246,8 @@ void Trainer::run(const std::function<bool(const StepReport&)>& on_step) {
     }
     if (sample && now.reads) measure_sample(*sample, report);
     if (report.test || report.sample) clock.go_on();
-    // Report the iteration before the state is saved. If the run is killed in between, it logs this iteration
-    // again, and none is missing.
+    // Report the iteration before the state is saved. If the run is killed in between, the resumed run
+    // reports this iteration again. In the opposite order, it would not report it at all.
     std::uint64_t stops = on_step(report) ? 0 : 1;  // on any rank
     ranks_.sum(std::span(&stops, 1));
     go_on = stops == 0;
@@ -262,7 +264,7 @@ void Trainer::run(const std::function<bool(const StepReport&)>& on_step) {
   look();
 }
 
-// Returns the actions that follow now. `evaluated` is the training time at the last evaluation.
+// Returns the actions that must follow now. `evaluated` is the training time at the last evaluation.
 Trainer::Due Trainer::due(double evaluated) const {
   const int iteration = progress_.iteration;
   const bool last = iteration == settings().iterations;
@@ -281,8 +283,8 @@ Trainer::Due Trainer::due(double evaluated) const {
   return {evaluates, saves, completes, reads, guard_.due(iteration, reads || saves || changes)};
 }
 
-// Measures a sample of the test views if it is time to do so. If the step has evaluated all of them, the
-// sample is taken from these values.
+// Measures a sample of the test views if this is due. If all test views have just been evaluated, the result
+// is computed from this evaluation.
 void Trainer::measure_sample(TestSample& sample, StepReport& report) {
   if (report.test) {
     if (sample.views().empty()) return;
@@ -292,7 +294,8 @@ void Trainer::measure_sample(TestSample& sample, StepReport& report) {
     report.sample = mean;
     return;
   }
-  // A step takes longer than rendering a view, so this is more than a test view takes.
+  // The estimate for one test view is the time of a training view, scaled to full size. This is too high,
+  // because a training view also has a backward pass.
   const double factor = views_.factor(), views = static_cast<double>(views_.first_draw(report.iteration + 1));
   if (!sample.is_due(report.share, report.seconds, report.seconds * factor * factor / views)) return;
   stages_->pause();
@@ -300,7 +303,7 @@ void Trainer::measure_sample(TestSample& sample, StepReport& report) {
                                  [&] { return time_.seconds(); });
 }
 
-// Returns the mean loss of the iterations since the last report. This waits for the device.
+// Waits for the device and returns the mean loss of the iterations since the last reported one.
 std::optional<double> Trainer::read_loss() {
   const int iterations = std::min(progress_.iteration - progress_.logged, settings().log_every);
   passes_->merge(losses_.view(), 8);
@@ -351,8 +354,9 @@ void Trainer::keep_to(const TimeBudget& budget) {
   const bool begins = progress_.iteration == 0 && settings().work_shares.empty();
   if (begins) progress_.seconds = budget.spent;
   pace_->begin(schedule_.work(), progress_.iteration, progress_.seconds, cameras_.swept_seconds());
-  // A run that was resumed with another budget begins at the last point. Otherwise that point is in the
-  // future, because a state is saved after the next point has been set.
+  // A run that is resumed with another budget starts at the last point, so it needs a new one. In other
+  // resumed runs, the last point is after the current iteration, because states are saved after the next
+  // point has been set.
   if (begins || at_point()) set_pace(true);
 }
 
@@ -381,7 +385,7 @@ void Trainer::complete(double seconds) {
 
 void Trainer::go_on_for(double seconds) {
   if (!pace_ || progress_.iteration != settings().iterations)
-    fail(ErrorKind::internal, "only a finished run with a time budget can be continued like this");
+    fail(ErrorKind::internal, "go_on_for() requires a finished run with a time budget");
   complete(seconds);
 }
 
@@ -420,8 +424,8 @@ bool Trainer::save_due() const {
          (saving_.seconds > 0 && progress_.seconds - saved_seconds_ >= saving_.seconds);
 }
 
-// Saves the state. Relocation, growth or noise may have produced a value that is not finite, which only the
-// next step will detect. In this case the state saved before is kept.
+// Saves the state. Relocation, growth or noise may have produced a value that is not finite and that only the
+// next step will detect. In this case nothing is saved, and the previously saved state remains.
 void Trainer::save_state() {
   saved_seconds_ = progress_.seconds;
   TrainState s = state();
@@ -442,7 +446,7 @@ bool Trainer::look() {
   return false;
 }
 
-// Handles a loss that is not finite. look() has already found that parameters and moments are finite.
+// Handles a loss that is not finite although look() has found that all parameters and moments are finite.
 void Trainer::loss_not_finite(std::uint64_t draw) {
   const std::uint32_t view = views_.view_of(draw);
   const int iteration = static_cast<int>(draw / views_.batch()) + 1;
@@ -454,7 +458,7 @@ void Trainer::loss_not_finite(std::uint64_t draw) {
 }
 
 void Trainer::answer(const NonFiniteEvent& event, TrainState s) {
-  whole_ = false;  // if this ends the run, the last good state is the one that was saved last
+  whole_ = false;  // if this ends the run, the last valid state is the one that was saved last
   restore(guard_.answer(event, std::move(s), views_));
 }
 

@@ -34,21 +34,22 @@
 
 namespace ubs {
 
+// StepReport is passed to on_step() after each iteration.
 struct StepReport {
-  int iteration = 0;        // 1-based
-  int iterations = 0;       // of the run; with a time budget, the present estimate
-  double share = 0;         // share of the work that is done
-  double seconds = 0;       // training time so far, without evaluations and start-up
-  double seconds_left = 0;  // estimated training time that is left; 0 without a time budget
-  std::uint32_t splats = 0;
-  // Mean over the views since the last logged iteration; only on logged iterations.
+  int iteration = 0;         // number of the iteration, counted from 1
+  int iterations = 0;        // of the whole run; with a time budget, the current estimate
+  double share = 0;          // share of the work that is done
+  double seconds = 0;        // training time so far, without evaluations and start-up
+  double seconds_left = 0;   // estimated training time that is left; 0 without a time budget
+  std::uint32_t splats = 0;  // number of splats of all ranks
+  // Mean loss over the views since the last logged iteration. Only present in logged iterations.
   std::optional<double> loss;
-  std::optional<Metrics> test;        // only after an evaluation
-  std::optional<SampledPsnr> sample;  // only after a measurement of a few test views
+  std::optional<Metrics> test;        // only present after an evaluation
+  std::optional<SampledPsnr> sample;  // only present after a measurement of a few test views
 };
 
-// `save` is called with the state of the run every `iterations` iterations and every `seconds` seconds of
-// training; 0: never.
+// StateSaving determines when `save` is called with the state of the run: every `iterations` iterations and
+// every `seconds` seconds of training. 0 disables the interval.
 struct StateSaving {
   int iterations = 0;
   double seconds = 0;
@@ -58,88 +59,92 @@ struct StateSaving {
 class Trainer {
  public:
   // `train` must have images; `test` may be empty. All references must outlive the trainer.
-  // Several ranks share splats and views, and results are bit-identical to those of one process
-  // (docs/cluster.md). All ranks must construct the same trainer, call run(), and make the same calls of the
-  // other methods whose comments say that all ranks must call them. If the on_step() of any rank returns
-  // false, all ranks stop.
-  // `time` measures the training time, on which evaluations and checkpoints at intervals of seconds depend.
+  // With several ranks, the splats and the views are divided among them, and the results are bit-identical to
+  // those of one process (docs/cluster.md). All ranks must construct the same trainer, call run(), and make
+  // the same calls of the other methods whose comments say that all ranks must call them. If the on_step() of
+  // any rank returns false, all ranks stop.
+  // `time` is the clock that measures the training time.
   Trainer(Device& device, const TrainSettings& settings, const Split& train, const Split& test,
           SplatModel initial, Communicator& ranks = alone(), const TimeSource& time = steady_time());
 
-  // Trains to the end. on_step is called after every iteration and may return false to stop. If an Error is
-  // thrown and state_is_whole() returns true, the state is that of the last completed iteration. A value that
-  // is not finite ends the run with Error(numerical), unless settings.on_nan requests otherwise
-  // (docs/training.md).
+  // Trains until the last iteration. on_step is called after every iteration and may return false to stop the
+  // training. If an Error is thrown and state_is_whole() returns true, the state is that of the last
+  // completed iteration. A value that is not finite ends the run with Error(numerical), unless
+  // settings.on_nan requests otherwise (docs/training.md).
   void run(const std::function<bool(const StepReport&)>& on_step);
 
-  // Lets the run keep to a time budget, for which the settings must have been chosen (choose_iterations). The
-  // members iterations, work_shares and growth_end of settings() then change during the run. Must be called
-  // before the first iteration, or before run() continues a restored state. Only for one process.
+  // Adapts the length of the run to a time budget. The settings must be those that choose_iterations() has
+  // returned for this budget. The members iterations, work_shares and growth_end of settings() then change
+  // during the run. Must be called before the first iteration, or before run() continues a restored state.
+  // Not supported with several ranks.
   void keep_to(const TimeBudget& budget);
-  // Lets the run measure a few test views in between, if this takes little time (TestSample). The model does
-  // not depend on it. Must be called before run(); has no effect with several ranks.
+  // Makes run() also measure a few test views during the training, if this takes little time (TestSample).
+  // This has no effect on the model. Must be called before run(). Has no effect with several ranks.
   void sample_test() { samples_ = true; }
-  // Lets a run with a time budget end early: within about `seconds`, it does the last part of its schedule,
-  // in which the learning rates fall to 0 (BudgetPace::complete). This begins after the next iteration,
-  // unless that is the last one. The state at this point is saved (on_state), and later ones are not, so that
-  // the run can also be resumed as if it had not been ended. Must be called by on_step().
+  // Ends a run with a time budget early. Within about `seconds` seconds, the run performs the last part of
+  // its schedule, in which the learning rates decrease to 0 (BudgetPace::complete). This part begins after
+  // the next iteration, unless that is the last one. The state at this point is saved as requested by
+  // on_state(), and no later state is saved, so that the run can also be resumed as if it had not been ended
+  // early. Must be called by on_step().
   void complete_in(double seconds);
-  // Continues a finished run with a time budget for about `seconds`: it repeats the last part of its schedule
-  // with the present splats. Must be called after keep_to() and before run().
+  // Prepares a finished run with a time budget to continue for about `seconds` seconds. It then repeats the
+  // last part of its schedule with the current splats. Must be called after keep_to() and before run().
   void go_on_for(double seconds);
-  // Returns the progress at which complete_in() took effect.
+  // Returns the progress of the run when complete_in() took effect, or nothing if it did not.
   const std::optional<TrainProgress>& completed_from() const { return completed_from_; }
   // Returns the settings of the run, in which automatic values are resolved.
   const TrainSettings& settings() const { return schedule_.settings(); }
-  // Returns the settings with the background that has been learnt so far. Use them to render the model
-  // outside of the trainer.
+  // Returns the settings in which the background is the one that has been learnt so far. Use these settings
+  // to render the model outside of the trainer.
   TrainSettings drawn_settings() const;
   RenderSettings render_settings() const { return passes_->settings(); }
 
-  // Waits for the device and returns the state after the last iteration. All ranks must call it. Each rank
-  // gets its part of the splats, or with `everywhere` all splats.
+  // Waits for the device and returns the state after the last iteration. All ranks must call this method.
+  // With `everywhere`, the state contains all splats on every rank, otherwise each rank gets its part of the
+  // splats.
   TrainState state(bool everywhere = false) const;
-  // Continues from a state of a run with the same settings, data and device; the results are bit-identical to
-  // those of an uninterrupted run. All ranks must call it with the same state. The run that saved it may have
-  // had any number of ranks.
+  // Replaces the state by that of a run with the same settings, data and device. If training then continues,
+  // the results are bit-identical to those of an uninterrupted run. All ranks must call this method with the
+  // same state, which contains all splats. The run that saved it may have had any number of ranks.
   void restore(const TrainState& state);
+  // Returns whether the state is that of a completed iteration, and not of an iteration that has failed.
   bool state_is_whole() const { return whole_; }
   // Sets when states are saved. The state is not saved after the last iteration, nor while it contains a
   // value that is not finite.
   void on_state(StateSaving saving) { saving_ = std::move(saving); }
-  // `report` is called with a message for every value that is not finite after which training continues.
+  // `report` is called with a message each time training continues after a value that is not finite.
   void on_nonfinite(std::function<void(const std::string&)> report) { guard_.on_event(std::move(report)); }
 
-  // Progress of the run.
+  // These functions return the progress of the run: the last iteration, the training time, and what was done
+  // because of values that are not finite.
   int iteration() const { return progress_.iteration; }
   double seconds() const { return progress_.seconds; }
   int rollbacks() const { return progress_.rollbacks; }
   std::uint64_t dropped() const { return progress_.dropped; }  // number of dropped splats
   std::uint32_t splats() const { return splats_->total(); }
 
-  // All ranks must call it; only the first one gets the model.
+  // Downloads the model. All ranks must call this method; only the first rank gets the splats.
   SplatModel model() const { return splats_->download(); }
   DeviceModel& device_model() { return splats_->model(); }  // splats of this rank
-  // Measures the present model on the test views, with the additional metrics of `more` if it is given. All
-  // ranks must call it.
+  // Measures the current model on the test views. If `more` is not null, its additional metrics are measured
+  // too. All ranks must call this method.
   Metrics evaluate_test(ImageMetrics* more = nullptr);
-  // Measures the present model on at most `most` training views in full size, evenly chosen. Views of which
-  // the mask leaves no pixel are not measured. Only for one process.
+  // Measures the current model on at most `most` training views, which are evenly spaced, in full size. Views
+  // whose mask excludes all pixels are not measured. Not supported with several ranks.
   Metrics evaluate_train(std::size_t most);
-  // draw() renders the view of one of these cameras into renderer() of the first rank. All ranks must call
-  // both methods.
+  // set_cameras() sets the cameras for draw(), and draw() renders the view of one of them. The image is then
+  // in renderer() of the first rank. All ranks must call both methods.
   void set_cameras(const std::vector<Camera>& cameras) { passes_->set_cameras(cameras); }
   void draw(std::uint32_t camera) { passes_->draw(camera); }
   Renderer& renderer() { return passes_->renderer(); }
 
   TrainedCameras& cameras() { return cameras_; }
   Communicator& ranks() const { return ranks_; }
-  // Returns null if there is one process.
+  // Returns the passes of a run with several ranks, or null if there is only one rank.
   SharedViewPasses* shared() { return dynamic_cast<SharedViewPasses*>(passes_.get()); }
 
-  double extent() const { return schedule_.extent(); }
-  // Returns the computed device memory of this run, for the maximum number of intersections that a view has
-  // had so far.
+  double extent() const { return schedule_.extent(); }  // scene extent
+  // Returns an estimate of the device memory of this run, computed for the current capacity of the buffers.
   MemoryPlan memory_plan() const;
   const IntersectionCount& intersections() const { return passes_->intersections(); }
   // Returns how the training time of this process was distributed over the stages, estimated from sampled
@@ -147,7 +152,7 @@ class Trainer {
   std::vector<StageTime> stage_times() const { return stages_->times(); }
 
  private:
-  // The actions that follow after an iteration.
+  // Due states which actions follow after an iteration.
   struct Due {
     bool evaluates = false, saves = false;
     bool completes = false;  // see complete_in()
@@ -170,8 +175,8 @@ class Trainer {
   bool save_due() const;
   void save_state();
   std::optional<double> read_loss();
-  // Returns true if all values are finite; otherwise acts as on_nan requests, which may restore an earlier
-  // state.
+  // Returns true if all values are finite. Otherwise acts as settings().on_nan requests, which may restore an
+  // earlier state, and returns false.
   bool look();
   void loss_not_finite(std::uint64_t draw);
   void answer(const NonFiniteEvent& event, TrainState state);

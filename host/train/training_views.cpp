@@ -11,10 +11,11 @@
 namespace ubs {
 namespace {
 
-// Separates these random numbers from all others of the seed.
+// Number of the random stream of background colours. It makes them independent of other random numbers with
+// the same seed.
 constexpr std::uint32_t kBackgroundStream = 0x6261636b;
-// Rate of the mixing coefficients and offsets, relative to that of the gains. It is lower because four
-// numbers act together on each channel.
+// Learning rate of the mixing coefficients and offsets of an affine map, relative to that of the gains. It is
+// lower because four numbers together determine each channel.
 constexpr double kRateOfMixing = 0.2;
 
 }  // namespace

@@ -9,7 +9,8 @@
 namespace ubs {
 namespace {
 
-// Separates these random numbers from all others of the seed.
+// Number of the random stream of the view order. It makes the order independent of other random numbers with
+// the same seed.
 constexpr std::uint32_t kViewOrderStream = 0x76696577;
 
 }  // namespace
@@ -20,8 +21,9 @@ std::uint32_t ViewOrder::operator()(std::uint64_t draw) {
   return permutation_[draw % views];
 }
 
-// Shuffles the views, which are initially in ascending order, by the method of Fisher and Yates. The bias of
-// the range reduction, which takes the high part of a product, is below 2^-20.
+// Shuffles the views, which are initially in ascending order, by the method of Fisher and Yates. A random
+// index below i is the high half of the product of a 32-bit random number and i. The bias of this method is
+// below 2^-20.
 void ViewOrder::shuffle(std::uint64_t epoch) {
   epoch_ = epoch;
   std::iota(permutation_.begin(), permutation_.end(), 0u);

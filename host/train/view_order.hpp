@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// ViewOrder determines which training view comes next. The order is an endless sequence of random
-// permutations (method.md 4.5). Each permutation depends only on (seed, epoch), so that a run can be resumed
-// at any iteration without stored state.
+// ViewOrder determines the order in which training views are used. The order consists of random permutations
+// of all views, one per epoch (method.md 4.5). A permutation depends only on the seed and the number of the
+// epoch, so that a run can be resumed at any iteration without any stored state.
 #pragma once
 
 #include <cstdint>
@@ -12,8 +12,8 @@ namespace ubs {
 class ViewOrder {
  public:
   ViewOrder(std::uint64_t seed, std::uint32_t views) : seed_(seed), permutation_(views) {}
-  // Returns the view of draw number `draw` (0, 1, 2, ...). Every epoch, which is `views` draws, visits each
-  // view once.
+  // Returns the view of draw number `draw` (0, 1, 2, ...). An epoch consists of `views` draws, in which each
+  // view occurs once.
   std::uint32_t operator()(std::uint64_t draw);
 
  private:

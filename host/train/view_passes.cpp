@@ -25,9 +25,10 @@ std::uint64_t StepViews::last() const {
 
 void ViewPasses::draw(std::uint32_t camera) { renderer_.forward(splats_.view(), camera, settings_, false); }
 
-// After all views of the step have been rendered, the host checks whether their lists fitted. The gradients
-// have not changed anything at this point. If a list did not fit, the views of the step are rendered again,
-// with waiting. So the results are bit-identical to those of a run that always waits.
+// After all views of the step have been rendered, the host checks whether the capacity of their lists was
+// sufficient. The gradients have not been used at this point. If a capacity was too small, all views of the
+// step are rendered again, and the host waits for the size of each list. The results are therefore
+// bit-identical to those of a run that always waits.
 int ViewPasses::run(const StepViews& step) {
   std::vector<UncountedView> views;
   int drawn = run(step, step.uncounted, views);

@@ -36,18 +36,19 @@ double WorkShare::steps_at(int iteration) const {
 }
 
 int WorkShare::Piece::iteration_at(double share) const {
-  if (to.iteration <= from.iteration) return to.iteration;  // after the end of the run
+  if (to.iteration <= from.iteration) return to.iteration;  // the run was continued after its end
   const double part = (share - from.share) / (to.share - from.share);
   const auto nearest = from.iteration + std::llround(part * (to.iteration - from.iteration));
-  // Never return an iteration of the previous piece, which has ended when this piece starts.
+  // The iteration `from.iteration` belongs to the previous piece, so the result must be larger.
   return std::max(static_cast<int>(nearest), from.iteration > 0 ? from.iteration + 1 : 0);
 }
 
 int WorkShare::iteration_at(double steps) const {
   if (pieces_.size() == 1) return static_cast<int>(std::llround(steps));
   const double share = steps / kScheduleLength;
-  // The end of a piece that was left early may be the iteration that is nearest to a share behind it. The run
-  // used it before it left the piece, so it remains the result.
+  // If a piece ended before its point, its last iteration may be the nearest one to a larger share that the
+  // piece did not reach. The run used this result while it was in the piece, so the result must remain the
+  // same.
   for (const Piece& piece : left_)
     if (share > piece.from.share && share <= piece.to.share)
       if (const int nearest = piece.iteration_at(share); nearest <= piece.end.iteration) return nearest;
@@ -58,7 +59,8 @@ int WorkShare::iteration_at(double steps) const {
 double WorkShare::iterations_per_share(int iteration) const {
   if (pieces_.size() == 1) return iterations_;
   iteration = std::min(iteration, iterations_);
-  // The step back of a run that was continued after its end has no speed: take that of the next iteration.
+  // When a run is continued after its end, the share decreases in one iteration, for which there is no speed.
+  // Use the speed of the next iteration.
   if (const Piece& piece = piece_of(iteration); piece.to.share < piece.from.share) ++iteration;
   const auto& [from, to, end] = piece_of(iteration);
   return (to.iteration - from.iteration) / (to.share - from.share);

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// ubs.hpp is the C++20 interface of ubs: the functions of ubs.h as classes that own their handles, with spans
-// and exceptions. This is a header-only wrapper; ubs.h describes what each call means, its units and its
-// errors.
+// ubs.hpp is the C++20 interface of ubs. It wraps the functions of ubs.h in classes that own their handles,
+// and uses spans and exceptions. It consists only of this header. ubs.h describes the functions, their units
+// and their errors.
 //
 //   ubs::Device device("cpu");
 //   ubs::Data data("scene");
@@ -29,10 +29,11 @@
 #include "ubs.h"
 
 namespace ubs {
-// The inline namespace prevents clashes of these symbols with those inside of the static library.
+// The inline namespace prevents conflicts of these symbols with symbols of the static library.
 inline namespace v1 {
 
-// Thrown by all functions here if a call fails; status() returns the kind of error.
+// All functions of this header throw Exception if a call of the library fails. status() returns the kind of
+// error.
 class Exception : public std::runtime_error {
  public:
   Exception(ubs_status status, const char* message) : std::runtime_error(message), status_(status) {}
@@ -42,11 +43,12 @@ class Exception : public std::runtime_error {
   ubs_status status_;
 };
 
+// Throws Exception if `status` is an error.
 inline void check(ubs_status status) {
   if (status != UBS_OK) throw Exception(status, ubs_error_message());
 }
 
-// Returns a struct of ubs.h with its `size` set.
+// Returns a struct of ubs.h whose member `size` is set. All other members are 0.
 template <typename T>
 T sized() {
   T value{};
@@ -66,7 +68,7 @@ struct Deleter {
 template <typename T, auto Free>
 using Handle = std::unique_ptr<T, Deleter<Free>>;
 
-// Returns the handle that `make(ubs_x** out)` creates.
+// Returns the handle that make(&handle) creates.
 template <typename T, typename Make>
 T* made(const Make& make) {
   T* handle = nullptr;
@@ -111,6 +113,7 @@ class Device {
   detail::Handle<ubs_device, ubs_device_free> handle_;
 };
 
+// Settings holds settings by name, with the values of `ubs train --help`.
 class Settings {
  public:
   Settings() : Settings(detail::made<ubs_settings>(ubs_settings_create)) {}
@@ -145,7 +148,7 @@ class Settings {
     check(ubs_settings_get(get(), key.c_str(), value.data(), length + 1, nullptr));
     return value;
   }
-  // Throws if a setting has no effect on the object.
+  // Throws if a setting that was set or loaded has no effect on the functions that `use` stands for.
   void check_effect(ubs_use use) const { check(ubs_settings_check(get(), use)); }
   ubs_settings* get() const { return handle_.get(); }
 
@@ -164,7 +167,8 @@ class Data {
     options.size = sizeof options;
     check(ubs_data_synthesise(&options, folder.c_str()));
   }
-  // If the name is empty, it is the number of the view. Empty spans: no image, no mask.
+  // Appends a view. If `name` is empty, the name is the number of the view. If `rgb` or `mask` is empty, the
+  // view has no image or no mask.
   Data& add_view(const std::string& split, const std::string& name, const ubs_camera& camera,
                  std::span<const std::uint8_t> rgb = {}, std::span<const std::uint8_t> mask = {}) {
     const std::size_t pixels = detail::pixels(camera);
@@ -202,7 +206,8 @@ class Data {
   detail::Handle<ubs_data, ubs_data_free> handle_;
 };
 
-// Raw values of a parameter inside of a model, (rows, splats).
+// Parameter describes a parameter of a model. `values` refers to its raw values (rows, splats) in the memory
+// of the model.
 struct Parameter {
   std::string name;
   std::size_t dim = 0, rows = 0, splats = 0;
@@ -229,7 +234,8 @@ class Model {
     handle_.swap(other.handle_);
     return *this;
   }
-  // Returns a model of `splats` splats whose parameters are all 0, with everything else as in this model.
+  // Returns a model with `splats` splats whose parameters are all 0. Its dimension, variant, offset and
+  // settings for rendering are those of this model.
   Model like(std::uint64_t splats) const {
     return Model(
         detail::made<ubs_model>([&](ubs_model** m) { return ubs_model_create_like(get(), splats, m); }));
@@ -267,6 +273,7 @@ class Model {
   detail::Handle<ubs_model, ubs_model_free> handle_;
 };
 
+// Picture is a rendered view. Renderer::draw() returns it.
 struct Picture {
   int width = 0, height = 0;
   std::vector<float> rgb;    // (height, width, 3)
@@ -284,7 +291,7 @@ class Renderer {
   Picture draw(const ubs_camera& camera) {
     const std::size_t pixels = detail::pixels(camera);
     auto image = sized<ubs_image>();
-    // The library may reject a very large image. This is checked before a GiB is allocated for it.
+    // The library may reject a very large image. This call finds out before a GiB is allocated for the image.
     if (pixels > (1u << 26)) check(ubs_renderer_draw(get(), &camera, &image));
     Picture picture{
         camera.width, camera.height, std::vector<float>(3 * pixels), std::vector<float>(pixels), {}};
@@ -295,8 +302,9 @@ class Renderer {
     check(ubs_renderer_draw(get(), &camera, &image));
     return picture;
   }
-  // `gradient` receives the gradient, for example a copy of the model; null: only the gradient of the camera
-  // is computed. Empty spans: 0.
+  // Computes a vector-Jacobian product (ubs_renderer_vjp). `gradient` receives the result; it can be a copy
+  // of the model. If it is null, only the gradient with respect to the camera is computed. An empty span
+  // stands for a gradient of 0.
   void vjp(const ubs_camera& camera, std::span<const float> v_rgb, std::span<const float> v_alpha,
            const Model* gradient, std::span<const float> v_depth = {}) {
     if (!v_rgb.empty()) detail::check_size(v_rgb.size(), 3 * detail::pixels(camera), "v_rgb");
@@ -327,7 +335,8 @@ class Renderer {
                             &loss, gradient ? gradient->get() : nullptr));
     return loss;
   }
-  // height and width are the size of the view, for UBS_ARRAY_V_RGB.
+  // Returns an array (ubs_renderer_get_array). `height` and `width` are the size of the view; they are only
+  // used for UBS_ARRAY_V_RGB.
   ubs_array array(ubs_array_name name, std::uint32_t group = 0, std::int64_t height = 0,
                   std::int64_t width = 0) {
     auto array = sized<ubs_array>();
@@ -349,7 +358,7 @@ class Renderer {
   unsigned flags_;
 };
 
-// `data` may be freed before the trainer.
+// Trainer trains a model. The Data that it was created with may be destroyed before the trainer.
 class Trainer {
  public:
   Trainer(const Device& device, const Data& data, const Settings& settings = {},
@@ -358,8 +367,8 @@ class Trainer {
           return ubs_trainer_create(device.get(), data.get(), settings.get(),
                                     initial ? initial->get() : nullptr, t);
         })) {}
-  // Trains to the end, or for `steps` iterations. The function returns whether to continue. If it throws, the
-  // run ends and the exception is passed on to the caller.
+  // Trains for `steps` iterations, or to the end if `steps` is 0. Calls on_step() after every iteration. If
+  // it returns false, the run ends. If it throws, the run ends and run() throws the same exception.
   void run(const std::function<bool(const ubs_step&)>& on_step = {}, std::uint32_t steps = 0) {
     struct Call {
       const std::function<bool(const ubs_step&)>& function;
@@ -386,8 +395,9 @@ class Trainer {
   Model model() const {
     return Model(detail::made<ubs_model>([&](ubs_model** m) { return ubs_trainer_get_model(get(), m); }));
   }
-  // `from`: for each splat of the model the index of the current splat whose optimiser state it takes over,
-  // or -1; empty: all states are new.
+  // Replaces the splats (ubs_trainer_set_model). `from` contains a number for each splat of `model`: the
+  // index of the current splat whose optimiser state the splat continues with, or -1 for a new state. If it
+  // is empty, all splats get new states.
   void set_model(const Model& model, std::span<const std::int64_t> from = {}) {
     if (!from.empty()) detail::check_size(from.size(), static_cast<std::size_t>(model.info().splats), "from");
     check(ubs_trainer_set_model(get(), model.get(), from.empty() ? nullptr : from.data()));

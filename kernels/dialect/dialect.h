@@ -60,7 +60,7 @@ typedef float4 real4;
 typedef real vreal;
 typedef int vmask;
 typedef uint vuint;
-#define UBS_TO_VREAL(x) ((real)(x))  // conversion of each lane
+#define UBS_TO_VREAL(x) ((real)(x))  // converts each lane
 #define UBS_TO_VUINT(x) ((uint)(x))  // a float argument must be in the range of uint
 #define UBS_FLOAT_BITS(x) as_uint((float)(x))
 #else
@@ -151,5 +151,5 @@ typedef unsigned int vuint;
 #else
 #define UBS_REAL_MAX 3.402823466e+38f
 #endif
-// False for NaN and for both infinities.
+// ubs_finite() is false for NaN and for both infinities.
 #define ubs_finite(x) (ubs_fabs(x) <= (vreal)(UBS_REAL_MAX))

@@ -10,7 +10,7 @@
 #define ubs_count(pointer) atomic_inc(pointer)
 #define ubs_mul_hi64(a, b) mul_hi(a, b)
 #else
-#ifndef UBS_KERNEL  // kernels compiled at run time are extern "C", so that they are found by name
+#ifndef UBS_KERNEL  // programs compiled at run time define it with extern "C", so that kernels are found by name
 #define UBS_KERNEL static __global__
 #endif
 #define UBS_GLOBAL
@@ -20,7 +20,7 @@
 typedef unsigned int uint;
 typedef unsigned short ushort;
 typedef unsigned char uchar;
-typedef unsigned long ulong;  // 64 bits on Linux, as glibc has it
+typedef unsigned long ulong;  // 64 bits on Linux; glibc has the same typedef
 #define ubs_count(pointer) atomicAdd(pointer, 1u)
 #define ubs_mul_hi64(a, b) __umul64hi(a, b)
 #endif
@@ -29,13 +29,13 @@ typedef unsigned long ulong;  // 64 bits on Linux, as glibc has it
 #define UBS_DEPTH 0
 #endif
 
-// The macros UBS_CORE_* allow the same kernel to run with or without core groups (opencl/core_groups.h), in which each
-// CPU core takes its work-groups itself. These are the definitions without core groups:
-// - UBS_CORE_PARAMETERS: additional kernel parameters; none
-// - UBS_CORE_GROUP: index of the work-group in a one-dimensional launch
-// - UBS_CORE_FIRST_ITEM: index of the first item that the work-item processes
-// - UBS_CORE_ITEMS(item): loop over its items, in front of the block that processes one; no loop, because there is one
-//   item
+// The macros UBS_CORE_* allow the same kernel to run with or without core groups (opencl/core_groups.h). With core
+// groups, each CPU core claims work-groups itself. The definitions below are those without core groups:
+// - UBS_CORE_PARAMETERS: the additional parameters of the kernel. Without core groups there are none.
+// - UBS_CORE_GROUP: the index of the work-group in a one-dimensional launch.
+// - UBS_CORE_FIRST_ITEM: the index of the first item that the work-item processes.
+// - UBS_CORE_ITEMS(item): the head of a loop over the items of the work-item. The block that processes one item follows
+//   it. Without core groups it is empty, because a work-item processes only one item.
 #ifndef UBS_CORES
 #define UBS_CORE_PARAMETERS
 #define UBS_CORE_GROUP ubs_group_id()
@@ -58,10 +58,10 @@ typedef unsigned long ulong;  // 64 bits on Linux, as glibc has it
 #define UBS_APART
 #endif
 
-// Prefetches a cache line, on CPUs. Used for gathered values, and for parameters if there are more rows than the
-// hardware prefetcher can follow. OpenCL's own prefetch() has no effect on PoCL. The variant FAR loads into the
-// second-level cache, which can wait for more lines at a time than the first. It is for loops that read from a hundred
-// rows at once.
+// The macros UBS_PREFETCH* prefetch a cache line on CPUs with PoCL. They are used for gathered values, and for
+// parameters if there are more rows than the hardware prefetcher can follow. The function prefetch() of OpenCL has no
+// effect on PoCL. UBS_PREFETCH_FAR loads into the second-level cache, which can wait for more lines at a time than the
+// first-level cache. It is used in loops that read from a hundred rows at once.
 #ifdef UBS_POCL
 #define UBS_PREFETCH(pointer) __builtin_prefetch((const void*)(size_t)(pointer))
 #define UBS_PREFETCH_FAR(pointer) __builtin_prefetch((const void*)(size_t)(pointer), 0, 2)
@@ -90,7 +90,7 @@ UBS_FN vuint ubs_lane_indices(uint first) {
 #define UBS_STORE(value, pointer) (*(pointer) = (value))
 #else
 #define UBS_LOAD(pointer) UBS_PASTE(vload, UBS_VW)(0, pointer)
-#if UBS_VW == 16  // by name, because PoCL defines `vstore` as a macro
+#if UBS_VW == 16  // vstore16 is written out and not pasted together, because PoCL defines `vstore` as a macro
 #define UBS_STORE(value, pointer) vstore16(value, 0, pointer)
 #elif UBS_VW == 8
 #define UBS_STORE(value, pointer) vstore8(value, 0, pointer)

@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// The gradient slots as parameters of a kernel. Normally they are one buffer. With UBS_SLOT_PIECES, which is used if
-// they do not fit into a single allocation of the device, they are up to eight buffers of 2^slot_bits slots each. No
-// slot is split between two buffers. Kernels and functions declare the parameters with UBS_SLOTS and pass them on with
-// UBS_SLOT_ARGUMENTS. CUDA always has one buffer.
+// Macros for kernels that access the gradient slots. Normally the slots are in one buffer. If they do not fit into a
+// single allocation of the device, the host defines UBS_SLOT_PIECES, and the slots are in up to eight buffers of
+// 2^slot_bits slots each. No slot is split between two buffers. Kernels and functions declare the buffers as parameters
+// with UBS_SLOTS and pass them on with UBS_SLOT_ARGUMENTS. UBS_SLOT_PIECE(slot) is the buffer that contains a slot, and
+// UBS_SLOT_IN_PIECE(slot) is the index of the slot in this buffer. CUDA always has one buffer.
 #pragma once
 
 #ifndef UBS_OPENCL

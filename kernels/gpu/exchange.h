@@ -4,12 +4,13 @@
 // ds_swizzle of AMD. The functions and macros are:
 // - ubs_item(): returns the number of the work-item in its group, in an order in which 16 consecutive work-items are
 //   lanes of the same wave.
-// - lane_xor8(x), ..., lane_xor1(x): return the x of the lane whose number differs in bit 8, 4, 2 or 1. Both lanes must
-//   take the same branch.
-// - any_of_wave(condition): returns whether a loop with exchanges must continue. If all lanes of a wave must take part
-//   in an exchange, this is true if the condition holds in any of them; otherwise it is the lane's own condition.
+// - lane_xor8(x), lane_xor4(x), lane_xor2(x), lane_xor1(x): return the x of the lane whose number is that of this lane
+//   xor 8, 4, 2 or 1. Both lanes must take the same branch.
+// - any_of_wave(condition): returns whether a loop with exchanges must continue. With mechanisms in which all lanes of
+//   a wave must take part in an exchange, it is true if the condition holds in any lane of the wave. With the other
+//   mechanisms, it is the condition of the lane itself.
 // - UBS_BALLOT: 1 if waves consist of 32 work-items with consecutive local ids. Then ballot(condition) returns a word
-//   with one bit for each of them.
+//   with one bit for each work-item of the wave.
 // Without UBS_BALLOT the size of waves is unknown, except that it is a multiple of 16.
 #ifndef UBS_OPENCL
 #define UBS_SUBGROUPS 2
@@ -31,10 +32,10 @@
 #ifdef cl_khr_subgroups
 #pragma OPENCL EXTENSION cl_khr_subgroups : enable
 #endif
-#ifdef cl_intel_required_subgroup_size  // otherwise a compiler may choose 8
+#ifdef cl_intel_required_subgroup_size  // without this attribute, a compiler may choose sub-groups of 8 lanes
 #define UBS_WAVES __attribute__((intel_reqd_sub_group_size(16)))
 #endif
-// The driver decides which work-items belong to a sub-group.
+// The work-item's number is computed from its sub-group, because the driver decides which work-items form a sub-group.
 UBS_FN int ubs_item(void) {
   return (int)(get_sub_group_id() * get_max_sub_group_size() + get_sub_group_local_id());
 }
@@ -88,7 +89,7 @@ UBS_FN int ubs_item(void) { return ubs_local_id(); }
 #ifndef UBS_WAVES
 #define UBS_WAVES
 #endif
-#ifndef UBS_EXCHANGE_LOCALS  // defined by tests, whose lanes exchange values in local memory
+#ifndef UBS_EXCHANGE_LOCALS  // tests define these macros, so that lanes exchange values through local memory
 #define UBS_EXCHANGE_LOCALS
 #define UBS_EXCHANGE_PARAMETER
 #define UBS_EXCHANGE_ARGUMENT

@@ -1,11 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-// Checks the lane exchange in the way in which raster_backward.cl uses it, with values whose sums the host knows
-// (host/opencl/exchange.cpp). One work-group is launched. The blocks make different numbers of visits, as in the
-// rasteriser. If an exchange compiles on a GPU but gives wrong values, the rasteriser sums through local memory
-// instead.
+// Checks that the exchange of values between lanes works on a device, in the way in which raster_backward.cl uses it.
+// The host knows the correct sums and compares them with those of this kernel (host/opencl/exchange.cpp). If an
+// exchange compiles on a GPU but gives wrong sums, the rasteriser sums through local memory instead. One work-group is
+// launched. In the rasteriser, a block of 16 work-items visits one splat after the other, and the blocks have different
+// numbers of splats. Here too, the blocks make different numbers of visits.
 
 #if UBS_BALLOT
-// Returns whether a ballot of the wave contains the bits of the right work-items.
+// Returns whether the result of a ballot has exactly the bits of those work-items of the wave that voted yes.
 UBS_FN int ballot_is_right(int item) {
   uint lanes = ballot(item % 5 == 0), expected = 0;
   for (int lane = 0; lane < 32; ++lane) expected |= (uint)((item / 32 * 32 + lane) % 5 == 0) << lane;
@@ -18,8 +19,8 @@ UBS_FN int ballot_is_right(int item) {
 }
 #endif
 
-// sums: (visit, block, value), for kBlocks visits. Block b makes the visits below kBlocks - b; the sums of the other
-// visits are not written. If a ballot is wrong, no sums are written.
+// `sums` receives kSums sums for each of kBlocks visits of each block, in the order (visit, block, sum). Block b makes
+// only kBlocks - b visits; the sums of its other visits are not written. If a ballot is wrong, no sums are written.
 UBS_KERNEL UBS_WAVES UBS_GROUP(kItems) void exchange_check(UBS_GLOBAL float* sums) {
   UBS_EXCHANGE_LOCALS
   int item = ubs_item(), block = item / kLanes, lane = item % kLanes, holds = sum_of_lane(lane);

@@ -2,11 +2,13 @@
 // Parts of long lists. On GPUs a tile's list with more than kLongList entries is rendered in parts of kListPart
 // entries, with one work-group per part, so that a long list does not keep one work-group busy while the others are
 // idle. The contribution of a part depends on the parts in front of it only through their transmittance. Therefore
-// there are three passes: the first computes the transmittance of each part; the second computes the colours of all
-// parts, each starting with the product of the transmittances in front of it; the third adds them.
+// there are three passes. The first pass computes the transmittance of each part. The second pass computes the colours
+// of all parts; each part starts with the product of the transmittances of the parts in front of it. The third pass
+// adds the colours of the parts.
 //
-// Part k of a list that starts at entry `first` has the place first / (kListPart / 2) + k. A list with kLongList
-// entries or more has at most as many parts as places.
+// The results of a part are stored at its place, which is an index into a buffer that all lists share. Part k of a list
+// that starts at entry `first` has the place first / (kListPart / 2) + k. No two parts of long lists have the same
+// place, because a list with kLongList or more entries has at most as many parts as it has places of its own.
 #pragma once
 
 enum { kPartPlanes = UBS_DEPTH ? 7 : 5 };  // planes of kTileSide^2 floats per part
@@ -14,12 +16,14 @@ enum { kPartPlanes = UBS_DEPTH ? 7 : 5 };  // planes of kTileSide^2 floats per p
 typedef struct {
   int tile;
   uint list;           // first entry of the tile's list
-  uint number, count;  // index of the part; number of parts, 1 for a short list; number >= count: no such part
-  uint first, last;    // entries
+  // Index of the part in its list, and number of parts of the list. A list that is not long has one part. If
+  // number >= count, the part does not exist.
+  uint number, count;
+  uint first, last;    // the entries of the part are first to last - 1
   uint place;
 } ListPart;
 
-// divides: whether long lists are divided at all.
+// Returns part `number` of the list of a tile. If `divides` is 0, even long lists have only one part.
 UBS_FN ListPart part_of_list(UBS_GLOBAL const uint* tile_ranges, int tile, uint number, int divides) {
   ListPart p;
   p.tile = tile;
@@ -33,7 +37,7 @@ UBS_FN ListPart part_of_list(UBS_GLOBAL const uint* tile_ranges, int tile, uint 
   return p;
 }
 
-// Finds the part with this place by bisection. If there is none, the result has number >= count.
+// Finds the part with this place by bisection. If there is no such part, the result has number >= count.
 UBS_FN ListPart list_part(UBS_GLOBAL const uint* tile_ranges, int tiles, uint place) {
   int low = 0, high = tiles;
   while (high - low > 1) {

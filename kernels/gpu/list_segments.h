@@ -1,22 +1,25 @@
 // SPDX-License-Identifier: Apache-2.0
 // Segments of lists. On GPUs the backward rasteriser processes the list of a tile in segments of kListSegment entries,
 // with one work-group per segment, so that a long list does not keep one work-group busy while the others are idle. The
-// forward rasteriser stores the state of the tile's pixels in front of each segment except the first. A state is a
-// float4 (open transmittance, colour composited so far), and there are kTileSide^2 of them per segment.
+// forward rasteriser stores the state of the tile's pixels in front of each segment except the first. The state of a
+// pixel is a float4. It contains the transmittance so far, or 0 if the pixel is closed (math/blend.h), and the colour
+// composited so far. There are kTileSide^2 states per segment.
 //
-// Segment k of a list that starts at entry `first` has the number first / kListSegment + tile + k. Its states have the
-// number first / kListSegment + k - 1. So no two segments have the same number, although some numbers have no segment.
+// Segments are numbered over all tiles. Segment k of the list of a tile that starts at entry `first` has the number
+// first / kListSegment + tile + k. Its states are stored at index first / kListSegment + k - 1, counted in blocks of
+// kTileSide^2 states. So no two segments have the same number, although some numbers have no segment.
 #pragma once
 
 typedef struct {
   int tile;
-  uint number;       // within its tile; segment 0 has no states
-  uint first, last;  // entries of the list; first = last: no entries
-  uint states;       // number of its states, if `number` > 0
+  uint number;       // index of the segment within the list of its tile; segment 0 has no states
+  uint first, last;  // the entries of the segment are first to last - 1; if first = last, there are none
+  uint states;       // index of its states, if `number` > 0
 } ListSegment;
 
 UBS_FN uint list_states(uint list_first, uint number) { return list_first / kListSegment + number - 1; }
 
+// Finds the segment with this number by bisection. If there is no such segment, the result has no entries.
 UBS_FN ListSegment list_segment(UBS_GLOBAL const uint* tile_ranges, int tiles, uint number) {
   int low = 0, high = tiles;
   while (high - low > 1) {

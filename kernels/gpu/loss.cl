@@ -1,22 +1,22 @@
 // SPDX-License-Identifier: Apache-2.0
-// L1 + SSIM loss of an image and its gradient (formulas: kernels/math/loss.h), for OpenCL and CUDA. One work-group
-// processes one tile of one channel. The window sums are separable: they are computed along columns into local memory
-// first, then along rows. On CPUs a work-group is one work-item with UBS_VW lanes; on GPUs (UBS_VW = 1) LOSS_GROUP
-// work-items share the loops.
+// Kernels for the L1 + SSIM loss of an image and its gradient (formulas: kernels/math/loss.h), for OpenCL and CUDA. One
+// work-group processes one tile of one channel. The window sums are separable: they are computed along columns into
+// local memory first, then along rows. On CPUs a work-group is one work-item with UBS_VW lanes; on GPUs (UBS_VW = 1)
+// LOSS_GROUP work-items share the loops.
 //
-//   loss_margins     zeros around the maps, after the shape of the images has changed
+//   loss_margins     writes zeros around the maps, after the shape of the images has changed
 //   loss_window      image, target -> sums of the tile; if a gradient is requested, also the three maps of
 //                    ssim_point(), with one plane per channel, padded with zeros by the radius of the window
-//   loss_gradient    maps, image, target -> v_image
-//   loss_total       sums of the tiles -> the eight numbers of the stage
+//   loss_gradient    maps, image, target -> v_image, the gradient of the image
+//   loss_total       sums of the tiles -> the eight results of the stage (ImageLoss::sums of host/device/stages.hpp)
 //
 // With UBS_LOSS_MASK, pixels whose mask is 0 are treated as if they were outside the image: they are zero in the
 // windows of their neighbours, and have no window and no gradient of their own.
 //
 // The tile is as wide as local memory allows.
 
-// Tuned constants (host/opencl/opencl_tuning.cpp). The host passes those constants that its launches depend on. Widths
-// are multiples of 16, and the strip divides LOSS_TILE_Y.
+// Tuned constants (host/opencl/opencl_tuning.cpp). The host defines those constants that its launches depend on. The
+// widths of tiles must be multiples of 16, and UBS_LOSS_STRIP must divide LOSS_TILE_Y.
 #ifndef UBS_LOSS_TILE
 #define UBS_LOSS_TILE 112
 #endif
@@ -49,13 +49,13 @@
 #define LOSS_BARRIER UBS_BARRIER();
 #endif
 #define LOSS_STRIP \
-  UBS_LOSS_STRIP  // number of rows that one work-item sums at once along columns, reading STRIP + 10 rows
+  UBS_LOSS_STRIP  // number of rows that one work-item sums at once along columns; it reads LOSS_STRIP + 10 rows
 // Columns of a tile including the halo of the window, rounded up to whole vectors.
 #define LOSS_COLUMNS ((LOSS_TILE_X + 2 * kSsimRadius + UBS_VW - 1) / UBS_VW * UBS_VW)
 #define LOSS_ROWS (LOSS_TILE_Y + 2 * kSsimRadius)
-// Zero columns to the left of a map's plane. They align windows to whole vectors, because windows are loaded three
-// times as often as pixels are stored. The host adds kMapMargin zero columns to each row; those that are not on the
-// left are on the right, where they are at least as many as a window reaches.
+// Number of zero columns on the left side of each plane of a map. It is chosen such that loads of windows are aligned
+// to whole vectors, because windows are loaded three times as often as pixels are stored. The host reserves kMapMargin
+// zero columns per row. The remaining ones are on the right side, and there are at least kSsimRadius of them.
 #define LOSS_MAP_MARGIN (16 + kSsimRadius)
 #define LOSS_SHARES 64
 #define LOSS_TOTAL_GROUP (LOSS_GROUP == 1 ? LOSS_SHARES : 3 * LOSS_SHARES)
@@ -126,7 +126,7 @@ typedef struct {
   vreal seen, target;
 } LossLanes;
 
-// Loads UBS_VW pixels from (x, y) on, which are all inside the image. Masked pixels are zero.
+// Loads UBS_VW pixels of row y, starting at column x. All of them must be inside the image. Masked pixels become zero.
 UBS_FN LossLanes load_inside(LossPixels p, LossShape s, int x, int y) {
   size_t i = (size_t)y * s.width + x;
   LossLanes lanes;
@@ -142,7 +142,7 @@ UBS_FN LossLanes load_inside(LossPixels p, LossShape s, int x, int y) {
 }
 #endif
 
-// Loads UBS_VW pixels from (x, y) on. Masked pixels and those outside the image are zero.
+// Loads UBS_VW pixels of row y, starting at column x. Masked pixels and pixels outside the image become zero.
 UBS_FN LossPair load_pair(LossPixels p, LossShape s, int x, int y, real shift) {
   bool row = y >= 0 && y < s.height;
 #if UBS_VW > 1
@@ -168,7 +168,7 @@ UBS_FN LossPair load_pair(LossPixels p, LossShape s, int x, int y, real shift) {
   return make_pair(UBS_LOAD(image), UBS_LOAD(target), p, shift);
 }
 
-// Returns a mask whose bits are set in the lanes whose pixel has a window of its own.
+// Returns in which lanes the pixel counts, that is, is inside the image and not masked.
 UBS_FN vmask pixels_count(LossPixels p, LossShape s, int x, int y) {
   vmask inside = ubs_lane_indices((uint)x) < (vuint)((uint)(y < s.height ? s.width : 0));
 #ifdef UBS_LOSS_MASK
@@ -246,8 +246,8 @@ UBS_FN void load_tile(LossPixels p, LossShape s, int x0, int y0, int vectors, re
   }
 }
 
-// Sums LOSS_PART rows along columns. u and v start at the first row of the first window. means: four planes of
-// LOSS_PART x LOSS_COLUMNS.
+// Computes the window sums along columns for LOSS_PART rows. u and v start at the first row of the first window.
+// `means` receives the sums of u, v, u^2 and v^2, in four planes of LOSS_PART x LOSS_COLUMNS.
 UBS_FN void sum_columns(UBS_LOCAL const real* u, UBS_LOCAL const real* v, int vectors,
                                UBS_LOCAL real* means) {
   for (int item = ubs_local_id(); item < LOSS_PART / LOSS_STRIP * vectors; item += LOSS_GROUP) {
@@ -285,7 +285,8 @@ UBS_UNROLL
 UBS_FN vreal sum_window(UBS_LOCAL const real* row) {
   vreal sum = V(0.0);
 #if UBS_VW == 16 && defined(UBS_POCL)
-  // Two loads of whole cache lines, and shifts between them. Of eleven unaligned loads, ten would cross a cache line.
+  // Loads two whole cache lines and combines them with shifts. Of eleven separate loads, ten would be unaligned and
+  // cross a cache line.
   const vreal a = UBS_LOAD(row), b = UBS_LOAD(row + 16);
 #define LOSS_TAP(k)                                                                                         \
   sum += (vreal)(kWindow[k]) * __builtin_shufflevector(a, b, k, k + 1, k + 2, k + 3, k + 4, k + 5, k + 6,   \
@@ -310,7 +311,8 @@ UBS_UNROLL
   return sum;
 }
 
-// means: the first column of the first window.
+// Returns the means of UBS_VW consecutive windows. `means` points to the first column of the first window in the result
+// of sum_columns().
 UBS_FN SsimMeans sum_row(UBS_LOCAL const real* means) {
   SsimMeans m;
   m.u = sum_window(means);
@@ -325,12 +327,13 @@ UBS_FN SsimMeans sum_row(UBS_LOCAL const real* means) {
 UBS_FN real tile_shift(LossPixels p, LossShape s, int x0, int y0) {
   int x = ubs_min(x0 + LOSS_TILE_X / 2, s.width - 1);
   int y = ubs_min(y0 + LOSS_TILE_Y / 2, s.height - 1);
-  if (!pixel_counts(p, s, x, y)) return R(0.5);  // with a mask
+  if (!pixel_counts(p, s, x, y)) return R(0.5);  // the pixel is masked
   return target_at(p, s, x, y);
 }
 
-// The tile of a work-group. GPUs have a grid of work-groups (across, down, channels). On CPUs the groups are ordered by
-// row of tiles, then by channel, so that a core with consecutive groups processes consecutive rows of the image.
+// LossTile is the tile that a work-group processes. On GPUs the work-groups form a grid of three dimensions: tiles per
+// row, rows of tiles, and channels. On CPUs the work-groups are ordered by row of tiles, then by channel, so that a
+// core with consecutive work-groups processes consecutive rows of the image.
 typedef struct {
   int x, y, across, plane;
 } LossTile;
@@ -353,8 +356,8 @@ UBS_FN LossTile loss_tile(uint group, int pitch, int channels) {
 }
 #endif
 
-// Writes zeros into the margins of the maps. One work-group for each row of each plane. Needed once after the shape of
-// the images has changed, because the kernels below write only the places of pixels.
+// Writes zeros into the margins of the maps. There is one work-group for each row of each plane. The host runs this
+// kernel once after the shape of the images has changed, because the other kernels write only the values of pixels.
 UBS_KERNEL UBS_GROUP(LOSS_GROUP) void loss_margins(UBS_GLOBAL float* maps, int map_pitch, int map_plane, int pitch) {
   int row = (int)ubs_group_at(0), rows = map_plane / map_pitch;
   UBS_GLOBAL float* at = maps + (size_t)ubs_group_at(1) * map_plane + (size_t)row * map_pitch;
@@ -364,9 +367,10 @@ UBS_KERNEL UBS_GROUP(LOSS_GROUP) void loss_margins(UBS_GLOBAL float* maps, int m
     at[has_pixels && i >= LOSS_MAP_MARGIN ? i + pitch : i] = 0.0f;
 }
 
-#define LOSS_TILE_SUMS 4  // the first kLossQuantities of them are used
+#define LOSS_TILE_SUMS 4  // numbers per tile and channel in tile_sums; the first kLossQuantities of them are used
 
-// tile_sums: LOSS_TILE_SUMS numbers of each tile of each channel. map_pitch and map_plane are 0 without gradient.
+// Computes the loss of one tile of one channel. Writes the sums over its pixels to tile_sums. If a gradient is needed,
+// also writes the three maps. Without a gradient, map_pitch and map_plane are 0.
 UBS_KERNEL UBS_GROUP(LOSS_GROUP) void loss_window(
     UBS_GLOBAL const float* image, UBS_GLOBAL const uchar* target, UBS_GLOBAL const float* target_float, int width,
     int height, int pitch, int rows, int first_channel, int channels, float low, float high,
@@ -432,8 +436,8 @@ UBS_KERNEL UBS_GROUP(LOSS_GROUP) void loss_window(
 
 // ---- Gradient ----
 
-// Sums LOSS_PART rows along columns. sums: three planes of LOSS_PART x LOSS_COLUMNS. The zero margins of the maps
-// provide the padding.
+// Computes the window sums of the three maps along columns for LOSS_PART rows. `sums` receives them in three planes of
+// LOSS_PART x LOSS_COLUMNS. Windows at the edge of the image read the zero margins of the maps.
 UBS_FN void sum_map_columns(UBS_GLOBAL const float* maps, int map_pitch, int map_plane, int x0, int y0, int pitch,
                             int vectors, UBS_LOCAL real* sums) {
   for (int item = ubs_local_id(); item < LOSS_PART / LOSS_STRIP * vectors; item += LOSS_GROUP) {
@@ -504,7 +508,7 @@ UBS_KERNEL UBS_GROUP(LOSS_GROUP) void loss_gradient(
 // ---- Total ----
 
 typedef struct {
-  real sum, lost;  // lost: rounding error of the sum so far (Kahan)
+  real sum, lost;  // `lost` is the rounding error of the sum so far (Kahan summation)
 } LossSum;
 
 UBS_FN LossSum add_share(LossSum s, real share) {
@@ -516,7 +520,7 @@ UBS_FN LossSum add_share(LossSum s, real share) {
 }
 
 // Adds the sums of all tiles, in one work-group. Each channel has 64 shares; share i is the sum of the tiles i, i + 64,
-// i + 128, and so on. Afterwards, for each quantity, one work-item adds the shares.
+// i + 128, and so on. Afterwards, one work-item per channel and quantity adds the shares.
 UBS_KERNEL UBS_GROUP(LOSS_TOTAL_GROUP) void loss_total(
     UBS_GLOBAL const float* tile_sums, int tiles, float pixels, UBS_GLOBAL float* sums, uint sums_offset) {
   UBS_SHARED real shares[3 * kLossQuantities * (LOSS_SHARES + 1)], means[3 * kLossQuantities];  // per channel
@@ -527,7 +531,7 @@ UBS_KERNEL UBS_GROUP(LOSS_TOTAL_GROUP) void loss_total(
     LossSum sum[kLossQuantities];
     UBS_UNROLL for (int q = 0; q < kLossQuantities; ++q) sum[q].sum = sum[q].lost = R(0.0);
     UBS_GLOBAL const float4* of_channel = (UBS_GLOBAL const float4*)tile_sums + (size_t)channel * tiles;
-    // Unrolled, so that four loads are in flight at the same time.
+    // The loop is unrolled, so that four loads are in flight at the same time.
     _Pragma("unroll 4") for (int tile = share; tile < tiles; tile += LOSS_SHARES) {
       float4 tile_sum = of_channel[tile];
       real of_tile[LOSS_TILE_SUMS] = {tile_sum.x, tile_sum.y, tile_sum.z, tile_sum.w};

@@ -5,20 +5,21 @@
 // and splat is written once, to its own slot. There are no float atomics, so the same inputs give bit-identical
 // results.
 
-// Splats per batch. This is less than the number of work-items, to stay below 32 KiB of local memory.
+// Number of splats per batch. It is less than the number of work-items, so that the kernel needs less than 32 KiB of
+// local memory.
 #ifndef UBS_BACKWARD_BATCH
 #define UBS_BACKWARD_BATCH 128
 #endif
-// Splats per turn, 16 or 32. The splats of a batch are processed in several turns, because each splat has a separate
-// sum for each block of the tile, and local memory only has space for the sums of one turn. With fewer splats per turn
-// more work-groups fit on a compute unit, but work-groups wait more often for their slowest block.
+// Number of splats per turn, 16 or 32. The splats of a batch are processed in several turns, because each splat has a
+// separate sum for each block of the tile, and local memory only has space for the sums of one turn. With fewer splats
+// per turn, more work-groups fit on a compute unit, but work-groups wait more often for their slowest block.
 #ifndef UBS_BACKWARD_TURN
 #define UBS_BACKWARD_TURN 32
 #endif
 
 enum {
   kBackwardWords = UBS_BACKWARD_BATCH / 32,
-  kTurn = UBS_SUBGROUPS ? UBS_BACKWARD_TURN : 16,  // without exchange between lanes, local memory has no room for more
+  kTurn = UBS_SUBGROUPS ? UBS_BACKWARD_TURN : 16,  // without exchange between lanes, more do not fit in local memory
   kSums = 10,                                      // number of sums in blend_vjp()
   kPlaces = kBlocks + 1,  // stride from splat to splat in the sums: kBlocks + 1, to avoid bank conflicts
   kParts = kTurn * kPlaces,
@@ -32,7 +33,7 @@ typedef struct {
   uint hits[kBlocks * kBackwardWords], kept[kBackwardWords];
 #if !UBS_SUBGROUPS
   float values[kSums * kBlocks * (kLanes + 1)];
-  int places_now[kBlocks];  // place of the sum that each block computes now, or -1
+  int places_now[kBlocks];  // for each block, the place of the sum that it currently computes, or -1
 #endif
 } BackwardShared;
 
@@ -70,7 +71,7 @@ UBS_FN int sum_of_lane(int lane) {
   return holds ? ((lane & 8) != 0 ? 5 : 0) + third + in_third : -1;
 }
 #else
-// Returns the sum over the lanes of a block. values: one value per lane.
+// Returns the sum over the lanes of a block. `values` contains one value per lane.
 UBS_FN float sum_over_lanes(UBS_LOCAL const float* values) {
   float sums[kLanes / 2];
   UBS_UNROLL for (int l = 0; l < kLanes / 2; ++l) sums[l] = values[l] + values[l + kLanes / 2];
@@ -81,9 +82,9 @@ UBS_FN float sum_over_lanes(UBS_LOCAL const float* values) {
 }
 #endif
 
-// Fills the batch with those list entries from `at` on that at least one block composites, in list order, and returns
-// their number. `blocks` is 0 after the last of them. Without ballot, `kept` must be 0 before the call, and is 0 again
-// afterwards.
+// Examines UBS_BACKWARD_BATCH list entries, starting at `at`. Stores those that at least one block composites in
+// `shared`, in list order, and returns their number. The elements of `blocks` after the last of them become 0. Without
+// ballot, `kept` must be 0 before the call, and is 0 again afterwards.
 UBS_FN int fill_batch(UBS_LOCAL BackwardShared* shared, uint at, uint last, UBS_GLOBAL const float* records,
                       UBS_GLOBAL const uint* sorted_ids, UBS_GLOBAL const uint* sorted_slots,
                       UBS_GLOBAL const ushort* masks, int item) {
@@ -93,7 +94,7 @@ UBS_FN int fill_batch(UBS_LOCAL BackwardShared* shared, uint at, uint last, UBS_
     mask = masks[slot];
   }
 #if UBS_BALLOT
-  if (item < UBS_BACKWARD_BATCH) {  // the same branch for the whole wave
+  if (item < UBS_BACKWARD_BATCH) {  // all lanes of a wave take the same branch
     uint lanes = ballot(mask != 0);
     if (item % 32 == 0) shared->kept[item / 32] = lanes;
   }
@@ -105,7 +106,7 @@ UBS_FN int fill_batch(UBS_LOCAL BackwardShared* shared, uint at, uint last, UBS_
 #ifdef UBS_OPENCL
   UBS_UNROLL
 #else
-  _Pragma("unroll 1")  // saves six registers; in OpenCL on NVIDIA it would be 20 % slower
+  _Pragma("unroll 1")  // saves six registers in CUDA; in OpenCL on NVIDIA GPUs it would make the kernel 20 % slower
 #endif
   for (int word = 0; word < kBackwardWords; ++word) {
     uint bits = shared->kept[word];
@@ -193,7 +194,7 @@ UBS_KERNEL UBS_WAVES UBS_GROUP(kItems) void raster_gpu_backward(
   for (uint at = segment.first; at < segment.last; at += UBS_BACKWARD_BATCH) {
     int count = fill_batch(&shared, at, segment.last, records, sorted_ids, sorted_slots, masks, item);
     for (int turn = 0; turn < count; turn += kTurn) {
-      // Only the bits of this turn.
+      // Bit k of `bits` is set if the block visits splat k of this turn.
       int word = turn / 32;
       uint shift = (uint)turn % 32, of_turn = 0xffffffffu >> (32 - kTurn);
       uint bits = shared.hits[pixel.block * kBackwardWords + word] >> shift & of_turn;

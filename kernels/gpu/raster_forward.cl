@@ -2,8 +2,8 @@
 // Forward rasteriser for GPUs. The splats of a tile's list are loaded into local memory in batches. A batch has as many
 // splats as the tile has pixels. Long lists are rendered in parts (list_parts.h).
 
-// Number of splats whose alphas a work-item computes before it blends them, so that these computations need not wait
-// for each other (docs/results/2026-11-26-h200-lists.md).
+// Number of splats whose alphas a work-item computes before it blends the first of them, so that the computations of
+// their alphas need not wait for each other (docs/results/2026-11-26-h200-lists.md).
 #ifndef UBS_TOGETHER
 #define UBS_TOGETHER 1
 #endif
@@ -13,8 +13,8 @@ enum {
   kVotes = UBS_BALLOT ? kItems / 32 : 1,
 };
 
-// Returns the blocks that the splat reaches, as bits: bit b is set if it reaches block b of the tile whose corner is
-// (left, top).
+// Returns the blocks that the splat reaches as a bit mask. Bit b is set if the splat reaches block b of the tile whose
+// upper left corner is (left, top).
 UBS_FN uint reached_blocks(SplatRecord r, float left, float top) {
   CullSplat s = cull_splat(r.place.x - left, r.place.y - top, r.place.z, r.place.w, r.shape.x, r.reach);
   uint blocks = 0;
@@ -27,7 +27,7 @@ UBS_FN uint reached_blocks(SplatRecord r, float left, float top) {
   return blocks;
 }
 
-// Returns the pixel's state in front of a segment (list_segments.h).
+// Returns a pointer to the state of a pixel in front of a segment (list_segments.h).
 UBS_FN UBS_GLOBAL float4* state_of(UBS_GLOBAL float* states, uint list_first, uint segment, int item) {
   return (UBS_GLOBAL float4*)states + ((ulong)list_states(list_first, segment) * kItems + (ulong)item);
 }
@@ -40,7 +40,7 @@ typedef struct {
   float depths[kItems];
 #endif
   uint hits[kBlocks * kForwardWords];
-  // Bits of the blocks with an open pixel, for this batch and the next.
+  // Bit masks of the blocks that have an open pixel, for this batch and for the next one.
   uint votes[2][kVotes];
 } ForwardShared;
 
@@ -57,13 +57,14 @@ UBS_FN void vote_open(UBS_LOCAL uint* votes, int open, TilePixel pixel, int item
   if (open) ubs_atomic_or(votes, 1u << pixel.block);
 #endif
 }
+// Returns the bit mask of the blocks that have an open pixel.
 UBS_FN uint open_blocks(UBS_LOCAL const uint* votes) {
   uint blocks = votes[0];
   UBS_UNROLL for (int i = 1; i < kVotes; ++i) blocks |= votes[i];
   return blocks;
 }
 
-// The state of a pixel after the splats in front of some position of its list.
+// ForwardPixel is the state of a pixel after the first entries of its list have been blended.
 typedef struct {
   float open;              // transmittance if the pixel is still open, otherwise 0
   float rest;              // transmittance after the last composited splat
@@ -92,7 +93,7 @@ UBS_FN ForwardPixel take_entries(ForwardPixel p, UBS_LOCAL ForwardShared* shared
     vote_open(shared->votes[turn], p.open > 0.0f, pixel, item);
     UBS_BARRIER();  // also ensures that the previous batch is no longer read
     uint alive = open_blocks(shared->votes[turn]);
-    if (alive == 0) break;  // the same branch for the whole group
+    if (alive == 0) break;  // all work-items of the group take the same branch
     if (keeps && at != first && (at - first) % kListSegment == 0)
       *state_of(states, first, (at - first) / kListSegment, item) = ubs_float4(p.open, p.r, p.g, p.b);
     uint blocks = 0;
@@ -162,9 +163,10 @@ UBS_FN void put_pixel(ForwardPixel p, TilePixel pixel, float background_r, float
   if (UBS_DEPTH) depth[pixel.index] = blend_expected_depth(p.weighted_depth, p.weight);
 }
 
-// Returns the place of a part in `parts`. Plane 0 is its transmittance. The other planes are the results of its pixels:
-// the transmittance after the part (negative if the pixel finishes in it, 0 if it was finished before), the colour, and
-// the depth sums.
+// Returns the index in `parts` of the first value of a pixel of a part. Each part has kPartPlanes planes of one float
+// per pixel. Plane 0 is the transmittance of the part. Plane 1 is the transmittance after the part; it is negative if
+// the pixel finishes in the part, and 0 if the pixel was finished before. Planes 2 to 4 are the colour, and planes 5
+// and 6 the depth sums.
 UBS_FN ulong part_place(ListPart part, int item) { return (ulong)part.place * (kPartPlanes * kItems) + (ulong)item; }
 
 // First pass of long lists: computes the transmittance of each part except the last. long_lists points to 0 if no list
@@ -183,9 +185,10 @@ UBS_KERNEL UBS_GROUP(kItems) void raster_gpu_parts(
   parts[part_place(part, item)] = p.open;
 }
 
-// The work-groups with numbers below the number of tiles process short lists and the first parts of long lists; the
-// others process further parts. masks and states are null if there is no backward pass; parts is null if lists are not
-// divided.
+// Renders the tiles, and computes the colours of the parts of long lists (their second pass). The work-groups with
+// numbers below the number of tiles process short lists and the first parts of long lists; the others process the
+// further parts of long lists. `masks` and `states` are null if there is no backward pass. `parts` is null if long
+// lists are not divided.
 UBS_KERNEL UBS_GROUP(kItems) void raster_gpu_forward(
     UBS_GLOBAL const float* records, UBS_GLOBAL const uint* sorted_ids, UBS_GLOBAL const uint* sorted_slots,
     UBS_GLOBAL const uint* tile_ranges, int tiles_x, int tiles_y, int width, int height, float background_r,

@@ -1,9 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-// Computes the gradient of each projected splat: the sum of its slots, one per tile that it reaches, in slot order. The
-// slots contain gradients already. 16 consecutive work-items process one splat; 12 of them read the 12 values of a
-// slot, which is one coalesced read. A splat with more than kWideSplat slots would take as long as all others together.
-// Therefore the whole work-group adds it in kSumParts parts; part k consists of every kSumParts-th slot from the k-th
-// on, and the parts are added in their order.
+// Computes the gradient of each projected splat. It is the sum of the splat's slots, which contain one gradient for
+// each tile that the splat reaches. The slots are added in their order. 16 consecutive work-items process one splat; 12
+// of them read the 12 values of a slot, which is one coalesced read.
+// A splat with more than kWideSplat slots would take as long as all other splats of the work-group together. Therefore
+// the whole work-group adds the slots of such a splat in kSumParts parts. Part k consists of the slots k, k +
+// kSumParts, k + 2 kSumParts and so on. Finally the sums of the parts are added in their order.
 
 #ifndef UBS_SUM_GROUP_GPU
 #define UBS_SUM_GROUP_GPU 64
@@ -14,8 +15,8 @@ enum {
   kSumParts = 16,
 };
 
-// Returns the sum of one value over every `step`-th of `count` slots from `first` on. Slots with mask 0 are skipped:
-// they were never written and may contain anything, including NaN.
+// Returns the sum of one value over the slots first, first + step, first + 2 step and so on, below first + count. Slots
+// with mask 0 are skipped, because they were never written and may contain anything, including NaN.
 UBS_FN float sum_of_value(uint first, uint count, uint step, uint value, UBS_SLOTS(UBS_GLOBAL const float*),
                           UBS_GLOBAL const ushort* masks) {
   float sum = 0.0f;
@@ -48,7 +49,7 @@ UBS_KERNEL UBS_GROUP(UBS_SUM_GROUP_GPU) void sum_slots_scalar(
   if (any_wide == 0) return;
   uint end = count - first_splat < teams ? count : first_splat + teams;
   for (uint splat = first_splat; splat < end; ++splat) {
-    if (tile_counts[splat] <= kWideSplat) continue;  // the same branch for the whole group
+    if (tile_counts[splat] <= kWideSplat) continue;  // all work-items of the group take the same branch
     for (uint part = team; part < kSumParts; part += teams)
       parts[part * kGradStride + value] = sum_of_value(slot_offsets[splat] + part, tile_counts[splat] - part,
                                                        kSumParts, value, UBS_SLOT_ARGUMENTS, masks);

@@ -12,13 +12,13 @@ enum {
   kItems = kTileSide * kTileSide,
 };
 
-// The pixel of a work-item.
+// TilePixel describes the pixel of a work-item.
 typedef struct {
-  int block, lane;
-  int left, top;    // corner of the tile [px]
-  int index, plane; // index of the pixel in a plane; size of the plane
-  float x, y;       // centre [px]
-  int inside;       // inside the image
+  int block, lane;  // block within the tile; pixel within the block
+  int left, top;    // upper left corner of the tile [px]
+  int index, plane; // index of the pixel in a plane of the image; number of elements of the plane
+  float x, y;       // centre of the pixel [px]
+  int inside;       // 1 if the pixel is inside the image, 0 if it is in the padding
 } TilePixel;
 
 UBS_FN TilePixel tile_pixel(int tile, int item, int tiles_x, int tiles_y, int width, int height) {
@@ -38,10 +38,10 @@ UBS_FN TilePixel tile_pixel(int tile, int item, int tiles_x, int tiles_y, int wi
   return p;
 }
 
-// The values of a splat's record. Blending uses those in the first two lines, which are vectors of 16 and 8 bytes.
+// SplatRecord holds the values of a splat's record (kernels/layout.h). Blending uses only place, shape and colour.
 typedef struct {
-  float4 place, shape;  // x, y, L00, L01; L11, opacity, beta, r
-  float2 colour;        // g, b
+  float4 place, shape;  // place: x, y, L00, L01; shape: L11, opacity, beta, red
+  float2 colour;        // green, blue
   float depth, reach;
 } SplatRecord;
 
@@ -74,13 +74,13 @@ UBS_FN BlendSplat blend_splat(float4 place, float4 shape, float2 colour) {
 // Transposes a matrix of bits. Its rows are splats and its columns are blocks. The k-th work-item passes the `blocks`
 // of splat k: bit b is set if the splat reaches block b. In the result, bit k of hits[block * words + word] belongs to
 // splat word * 32 + k. There are 32 * words splats. All work-items must call this function, and a barrier must follow.
-// all: the `blocks` of all splats, aligned to 16 bytes; they are only read without ballot, and then require a barrier
-// before the call.
+// `all` contains the `blocks` of all splats and is aligned to 16 bytes. It is only read without ballot; in this case a
+// barrier must separate the call from the writes to `all`.
 UBS_FN void turn_blocks(uint blocks, UBS_LOCAL const uint* all, int words, UBS_LOCAL uint* hits, int item) {
 #if UBS_BALLOT
   (void)all;
   int lane = item % 32, word = item / 32;
-  if (word >= words) return;  // the same branch for the whole wave
+  if (word >= words) return;  // all lanes of a wave take the same branch
   uint mine = 0;
   UBS_UNROLL for (int block = 0; block < kBlocks; ++block) {
     uint of_block = ballot((int)(blocks >> block & 1u));

@@ -1,18 +1,20 @@
 // SPDX-License-Identifier: Apache-2.0
-// Measures how much each splat affects a tile: its largest blended weight over the pixels (MeasureWeights of
-// host/device/stages.hpp; opencl/weights.cl is the version for CPUs). One work-group processes one tile with the lists
-// of a forward pass. The alphas are bit-identical to those of the rasteriser. Used by tools.
+// Measures how much each splat affects each tile. The measure is the largest weight that the splat has in any pixel of
+// the tile when colours are blended (MeasureWeights of host/device/stages.hpp). opencl/weights.cl is the version for
+// CPUs. One work-group processes one tile with the lists of a forward pass. The alphas are bit-identical to those of
+// the rasteriser.
 
-enum { kWeightBatch = 32 };  // entries between two barriers
+enum { kWeightBatch = 32 };  // number of list entries between two barriers
 
-// weights (by slot): the maximum over the tile's pixels of transmittance * alpha. If a splat would finish a pixel, it
-// counts there although it is not composited, because the pixel would continue without it. 0: the image does not depend
-// on the splat.
+// Writes, for each slot, the maximum over the tile's pixels of transmittance * alpha. A splat that would finish a pixel
+// is not composited in this pixel, but counts there, because without this splat the pixel would continue with the next
+// one. If the weight is 0, the image does not depend on the splat in this tile.
 UBS_KERNEL UBS_GROUP(kItems) void measure_weights(
     UBS_GLOBAL const float* records, UBS_GLOBAL const uint* sorted_ids, UBS_GLOBAL const uint* sorted_slots,
     UBS_GLOBAL const uint* tile_ranges, int tiles_x, int tiles_y, int width, int height,
     UBS_GLOBAL const ushort* masks, UBS_GLOBAL float* weights) {
-  UBS_SHARED uint most[kWeightBatch];  // bits of the largest weight; non-negative floats are ordered as their bits
+  // Bit patterns of the largest weights. Non-negative floats have the same order as their bit patterns.
+  UBS_SHARED uint most[kWeightBatch];
   int item = ubs_local_id(), tile = (int)ubs_group_id();
   TilePixel pixel = tile_pixel(tile, item, tiles_x, tiles_y, width, height);
   uint first = tile_ranges[tile], last = tile_ranges[tile + 1];

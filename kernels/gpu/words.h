@@ -1,12 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
 // Macros for kernels whose work-items cooperate on a GPU: work-groups, local memory and barriers. The same source is
 // compiled as OpenCL C and as CUDA C++. In CUDA a work-group is a block, a work-item a thread, and a wave a warp of 32.
-// - UBS_GROUP(n): after UBS_KERNEL; the kernel runs in work-groups of n work-items
-// - UBS_SHARED: declares a variable in local memory, in a kernel; UBS_LOCAL: address space of a pointer to it
-// - UBS_BARRIER(): waits for all work-items of the group and for their writes to local memory
-// - ubs_local_id(), ubs_group_at(dimension), ubs_groups_across()
-// - ubs_atomic_or(pointer, bits), ubs_atomic_max(pointer, value): for words in local memory
-// exchange.h has the exchange between lanes of a wave.
+// - UBS_GROUP(n) follows UBS_KERNEL. The kernel runs in work-groups of n work-items.
+// - UBS_SHARED declares a variable in local memory. It may only be used in kernels. UBS_LOCAL is the address space of a
+//   pointer to such a variable.
+// - UBS_BARRIER() waits for all work-items of the group and for their writes to local memory.
+// - ubs_local_id() is the index of the work-item in its group, ubs_group_at(d) the index of the group in dimension d of
+//   the launch, and ubs_groups_across() the number of groups in dimension 0.
+// - ubs_atomic_or(pointer, bits) and ubs_atomic_max(pointer, value) change a word in local memory atomically.
+// exchange.h contains the functions with which the lanes of a wave exchange values.
 #pragma once
 
 #ifdef UBS_OPENCL

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Takes the Adam step of all trained parameters in one launch. x: UBS_VW splats per work-item; y: row. The lanes from
-// `count` to the next multiple of UBS_VW are padding and are updated as well. Gradients and moments have only the rows
-// of trained parameters (kernels/layout.h).
+// Takes the Adam step of all trained parameters in one launch. Dimension 0 of the launch enumerates the splats, with
+// UBS_VW splats per work-item, and dimension 1 the rows of gradients and moments, which have only the rows of trained
+// parameters (kernels/layout.h). The lanes from `count` to the next multiple of UBS_VW are padding and are updated as
+// well.
 
 UBS_KERNEL void adam_step(UBS_GLOBAL real* params, UBS_GLOBAL const real* v_params, UBS_GLOBAL real* moment1,
                           UBS_GLOBAL real* moment2, UBS_GLOBAL const real* learning_rates, uint count,
@@ -18,10 +19,11 @@ UBS_KERNEL void adam_step(UBS_GLOBAL real* params, UBS_GLOBAL const real* v_para
   adam_store(adam_update(s, UBS_LOAD(v_params + at), learning_rates[param_row], k), param, moment1 + at, moment2 + at);
 }
 
-// The same step with a check for values that are not finite. If a new value is not finite, the kernel sets sentinel[0]
-// (previously 0) to `stamp` and the parameter keeps its old value; the moments show which parameter it was. Steps with
-// a different stamp then do nothing, so that the state stays unchanged until the host checks the sentinel. All
-// work-items of a launch see 0 or their own stamp, so the result does not depend on their order.
+// Takes the same step with a check for values that are not finite. If a new value is not finite, the kernel sets
+// sentinel[0], which was 0 before, to `stamp`. The parameter keeps its old value, but its moments are updated, so that
+// they show which parameter it was. Later steps, which have a different stamp, do nothing, so that the state stays
+// unchanged until the host checks the sentinel. All work-items of a launch see 0 or their own stamp, so the result does
+// not depend on their order.
 UBS_KERNEL void adam_step_watched(UBS_GLOBAL real* params, UBS_GLOBAL const real* v_params,
                                   UBS_GLOBAL real* moment1, UBS_GLOBAL real* moment2,
                                   UBS_GLOBAL const real* learning_rates, uint count, uint stride, real beta1,
@@ -40,7 +42,8 @@ UBS_KERNEL void adam_step_watched(UBS_GLOBAL real* params, UBS_GLOBAL const real
   AdamState s = adam_load(before, moment1 + at, moment2 + at);
   s = adam_update(s, UBS_LOAD(v_params + at), learning_rates[param_row], k);
   vmask bad = adam_not_finite(s);
-  if (ubs_any_lane(bad & (ubs_lane_indices(first) < (vuint)(count)))) sentinel[0] = stamp;  // padding is undefined
+  // Lanes from `count` on are ignored, because the values in the padding are undefined.
+  if (ubs_any_lane(bad & (ubs_lane_indices(first) < (vuint)(count)))) sentinel[0] = stamp;
   s.param = bad ? before : s.param;
   adam_store(s, param, moment1 + at, moment2 + at);
 }

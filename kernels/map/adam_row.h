@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Loads and stores the Adam state of UBS_VW splats in one row. Used by adam.cl and learn.cl.
+// Functions that load and store the Adam state of one row of UBS_VW splats. adam.cl and learn.cl use them.
 
 UBS_FN AdamState adam_load(vreal param, UBS_GLOBAL const real* moment1, UBS_GLOBAL const real* moment2) {
   AdamState s;

@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// Maps the colours of the model to those of one photograph, and the gradient back (kernels/math/appearance.h). Planes
-// are padded to whole tiles; values in the padding are undefined and do not enter any sum.
+// Kernels that map the colours of a rendered image to those of one photograph, and compute the gradients of this
+// mapping (kernels/math/appearance.h). Planes are padded to whole tiles; values in the padding are undefined and do not
+// enter any sum.
 
-#define APPEARANCE_ROWS 16  // rows per partial sum; divides the rows of a plane
+#define APPEARANCE_ROWS 16  // number of rows per partial sum; the number of rows of a plane is a multiple of it
 
 typedef struct {
   real f[kAppearanceSize];
@@ -25,8 +26,9 @@ UBS_KERNEL void map_colours(UBS_GLOBAL const real* image, uint plane, UBS_GLOBAL
   UBS_STORE(m.f[8] * r + m.f[9] * g + m.f[10] * b + m.f[11], mapped + 2 * (size_t)plane + at);
 }
 
-// Replaces v_image, the gradient of the mapped image, by that of the unmapped image. sums: partial sums of UBS_VW
-// columns in a strip of rows; each of the twelve numbers has a plane of (strips, pitch).
+// Replaces v_image, the gradient of the mapped image, by the gradient of the unmapped image. Also writes to `sums` the
+// partial sums for the gradient of the twelve numbers. Each number has a plane of (strips, pitch); an element of it is
+// the sum over one column of a strip of APPEARANCE_ROWS rows.
 UBS_KERNEL void map_colours_vjp(UBS_GLOBAL const real* image, int width, int height, int pitch, int rows,
                                 UBS_GLOBAL const real* numbers, uint first, UBS_GLOBAL real* v_image,
                                 UBS_GLOBAL real* sums) {
@@ -58,6 +60,8 @@ UBS_KERNEL void map_colours_vjp(UBS_GLOBAL const real* image, int width, int hei
     UBS_STORE(sum[q], sums + (q * strips + strip) * pitch + x);
 }
 
+// Computes the gradient of the twelve numbers, with one work-item per number. Before, the kernel row_sums must have
+// replaced the first element of each row of `sums` by the sum of the row.
 UBS_KERNEL void appearance_gradient(UBS_GLOBAL const real* sums, int pitch, int strips,
                                     UBS_GLOBAL const real* numbers, uint first, UBS_GLOBAL real* gradient,
                                     uint first_gradient) {

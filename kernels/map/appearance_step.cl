@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Takes one Adam step of the twelve numbers of an image, one work-item per number. Then it subtracts the mean over all
-// images, because otherwise the model and all images could drift together, which does not change the loss. The bias
-// corrections are stored as moments of the constant 1, because every image counts its own steps.
+// Takes one Adam step of the twelve numbers that describe the appearance of an image, with one work-item per number.
+// Then subtracts the mean over all images from the numbers of each image. Otherwise the colours of the model and the
+// appearance of all images could change together without an effect on the loss. The bias corrections of Adam are stored
+// with each image, as moments of the constant 1, because the images have taken different numbers of steps.
 
 UBS_KERNEL void appearance_step(UBS_GLOBAL real* state, uint images, uint image, UBS_GLOBAL const real* gradient,
                                 uint first_gradient, real rate_diagonal, real rate_other, real beta1, real beta2,

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Computes the gradient of a view's camera. Each splat's share is computed with kernels/math/splat.h and
-// UBS_CAMERA_GRAD, and the shares are summed.
+// Computes the gradient of a view's camera, which is a sum over the splats. The functions of kernels/math/splat.h,
+// compiled with UBS_CAMERA_GRAD, compute the term of each splat.
 
 UBS_FN CameraVjp camera_gradient(CameraView camera, SplatRaw raw, SplatImageVjp v) {
   Sight sight = sight_ahead(camera, raw);
@@ -23,8 +23,9 @@ UBS_FN void camera_backward_lanes(uint lane, SplatsInView view, UBS_GLOBAL const
   UBS_UNROLL for (int k = 0; k < kCameraGrads; ++k) UBS_STORE(sum.e[k], v_camera + (size_t)k * lanes + lane);
 }
 
-// Lane l adds the splats l, l + lanes, l + 2 lanes and so on, in this order. The host adds the results of the lanes,
-// whose number `lanes` is a multiple of 64. v_camera: (kCameraGrads, lanes).
+// Lane l adds the terms of the splats l, l + lanes, l + 2 lanes and so on, in this order, and writes its sums to column
+// l of v_camera, which has the shape (kCameraGrads, lanes). The host adds the results of the lanes. The number of lanes
+// is a multiple of 64.
 UBS_KERNEL void camera_backward(UBS_GLOBAL const real* params, uint count, uint stride, uint first_record,
                                 UBS_GLOBAL const real* cameras, uint camera, real near_plane, real far_plane,
                                 real eps2d, UBS_GLOBAL const real* v_records, UBS_GLOBAL real* v_camera, uint lanes) {

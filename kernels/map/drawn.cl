@@ -15,6 +15,7 @@ UBS_KERNEL void mark_drawn(UBS_GLOBAL const uint* tile_counts, uint count, UBS_G
   marks[i] = drawn;
 }
 
+// Copies the records of the visible splats, with their tile rectangles, to their places in `drawn`.
 UBS_KERNEL void pick_drawn(UBS_GLOBAL const float* records, UBS_GLOBAL const uint* tile_rects,
                            UBS_GLOBAL const uint* places, uint count, UBS_GLOBAL float* drawn) {
   uint i = UBS_GLOBAL_ID(0);

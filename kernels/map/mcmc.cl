@@ -1,10 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-// Relocation and growth (method.md 4.3), one work-item per splat. The copies of each source are counted with integer
-// atomics, whose result does not depend on the order. The kernels are compiled with UBS_VW = 1, because copies read
-// from arbitrary splats, and because relocations are rare. Order of the kernels:
-//   weights -> prefix sum -> draw -> sources -> copies
+// The kernels of relocation and growth (method.md 4.3). Both choose source splats at random and copy them: relocation
+// to the places of dead splats, growth to new places. The kernels have one work-item per splat. They count the copies
+// of each source with integer atomics, whose result does not depend on the order. They are compiled with UBS_VW = 1,
+// because copies read from arbitrary splats, and because relocations are rare. The kernels run in this order:
+//   mcmc_weights, prefix sums of the weights, mcmc_draw, mcmc_sources, mcmc_copies
 
-// alive_only: relocation samples live splats only, so that weight 0 marks the dead ones.
+// Computes the weight with which each splat is drawn as a source. If alive_only is 1, dead splats get the weight 0, so
+// that relocation samples only live splats and recognises the dead ones.
 UBS_KERNEL void mcmc_weights(UBS_GLOBAL const real* params, uint count, uint stride, uint alive_only,
                              UBS_GLOBAL uint* weights, UBS_GLOBAL uint* copies) {
   uint i = UBS_GLOBAL_ID(0);
@@ -14,8 +16,8 @@ UBS_KERNEL void mcmc_weights(UBS_GLOBAL const real* params, uint count, uint str
   copies[i] = 0;
 }
 
-// Returns the splat whose interval [prefix[i], prefix[i + 1]) contains `ticket`. A splat of weight 0 has an empty
-// interval.
+// Returns the splat i whose interval [prefix[i], prefix[i + 1]) contains `ticket`. A splat with the weight 0 has an
+// empty interval.
 UBS_FN uint find_share(UBS_GLOBAL const ulong* prefix, uint count, ulong ticket) {
   uint low = 0, high = count;  // prefix[low] <= ticket < prefix[high]
   while (high - low > 1) {
@@ -28,8 +30,9 @@ UBS_FN uint find_share(UBS_GLOBAL const ulong* prefix, uint count, ulong ticket)
   return low;
 }
 
-// Draws a source for each slot i whose weight is 0 (relocation: slots = count, `weights` is passed), or for all slots
-// (growth: `weights` is null). totals[0] counts the slots that got a source.
+// Draws a random source for each slot that receives a copy. For relocation, `slots` is `count`, and the slots i with
+// weights[i] = 0 receive a copy. For growth, `weights` is null, and all slots receive a copy. totals[0] counts the
+// slots that got a source.
 UBS_KERNEL void mcmc_draw(UBS_GLOBAL const ulong* prefix, UBS_GLOBAL const uint* weights, uint count, uint slots,
                           uint purpose, uint seed0, uint seed1, uint iteration0, uint iteration1,
                           UBS_GLOBAL uint* sources, UBS_GLOBAL uint* copies, UBS_GLOBAL uint* totals) {

@@ -1,11 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
-// Kernels for the layers of an image network, except for its matrix products. Images and features are planar. Channel c
-// starts at c * plane, and rows follow each other without gaps. `plane` is a multiple of 16, so that a work-item may
-// load and store UBS_VW pixels even if these extend past the last pixel.
+// Kernels for the layers of a convolutional network, except for its matrix products. The network computes features of
+// an image for the metric LPIPS. Images and features are planar. Channel c starts at c * plane, and rows follow each
+// other without gaps. `plane` is a multiple of 16, so that a work-item may load and store UBS_VW pixels even if these
+// extend past the last pixel. Dimension 1 of the launches enumerates channels, or rows of a matrix.
 
-// Converts a pixel of an image to the input of the network (or of the window sums): clamps it to [0, 1] and computes
-// value * scale + offset for its channel (y). The image is either 8 bit with shape (3, height, width), divided by 255
-// as in the loss; or float with planes padded to (rows, pitch).
+// Converts a pixel of an image to the input of the network, or to that of the window sums of SSIM (ssim_valid.cl).
+// Clamps the value to [0, 1] and computes value * scale + offset, where scale and offset depend on the channel. The
+// image is passed either as `bytes`, with 8 bit values of shape (3, height, width) that are divided by 255, or as
+// `values`, with float planes padded to (rows, pitch).
 UBS_KERNEL void load_image(UBS_GLOBAL const uchar* bytes, UBS_GLOBAL const real* values, int width, int height,
                            int pitch, int rows, real scale_r, real scale_g, real scale_b, real offset_r,
                            real offset_g, real offset_b, int plane, UBS_GLOBAL real* out) {
@@ -26,9 +28,9 @@ UBS_KERNEL void load_image(UBS_GLOBAL const uchar* bytes, UBS_GLOBAL const real*
   out[(size_t)channel * plane + pixel] = value * scale + offset;
 }
 
-// Writes the rows (y) of the matrix that turns a convolution into a matrix product. There is one row for each (channel,
-// window y, window x), and one column for each of the `count` output pixels from `first` on. Entries outside the image
-// are zero.
+// Writes the matrix that turns a convolution into a matrix product. The matrix has one row for each (channel, window y,
+// window x), and one column for each of `count` output pixels, starting with output pixel `first`. Entries that
+// correspond to pixels outside the image are zero.
 UBS_KERNEL void im2col(UBS_GLOBAL const real* image, int width, int height, int plane, int window, int stride,
                        int padding, int out_width, int first, int count, int pitch, UBS_GLOBAL real* matrix) {
   int column = (int)(UBS_GLOBAL_ID(0) * UBS_VW);
@@ -63,7 +65,7 @@ UBS_KERNEL void im2col(UBS_GLOBAL const real* image, int width, int height, int 
   }
 }
 
-// Computes max(x + bias, 0) in place. Channels are in y; the first of them starts at element `first`.
+// Replaces each value x by max(x + bias, 0), with one bias per channel. The first channel starts at element `first`.
 UBS_KERNEL void bias_relu(UBS_GLOBAL real* features, int first, UBS_GLOBAL const real* bias, int plane) {
   int pixel = (int)(UBS_GLOBAL_ID(0) * UBS_VW);
   int channel = (int)UBS_GLOBAL_ID(1);
@@ -94,7 +96,8 @@ UBS_KERNEL void max_pool(UBS_GLOBAL const real* image, int width, int height, in
   out[(size_t)channel * out_plane + pixel] = most;
 }
 
-// Computes the distance of two feature maps at each pixel. Writes zero from `pixels` to the end of the plane.
+// Computes the distance between two feature maps at each pixel. Writes zeros from pixel `pixels` to the end of the
+// plane.
 UBS_KERNEL void lpips_distance(UBS_GLOBAL const real* a, UBS_GLOBAL const real* b,
                                UBS_GLOBAL const real* weights, int channels, int pixels, int plane,
                                UBS_GLOBAL real* distances) {
@@ -116,8 +119,9 @@ UBS_KERNEL void lpips_distance(UBS_GLOBAL const real* a, UBS_GLOBAL const real* 
   UBS_STORE(real_pixel ? distance : V(0.0), distances + pixel);
 }
 
-// Adds values from `first` on: work-item i adds every `items`-th group of UBS_VW values, starting at group i, and
-// writes UBS_VW partial sums at `sums_offset`. `count` is a multiple of UBS_VW.
+// Computes partial sums of `count` values, starting at element `first`. The values are divided into groups of UBS_VW.
+// Work-item i adds the groups i, i + items, i + 2 items and so on, lane by lane, and writes its UBS_VW sums to
+// `sums`, starting at element sums_offset + i * UBS_VW. `count` is a multiple of UBS_VW.
 UBS_KERNEL void partial_sums(UBS_GLOBAL const real* values, int first, int count, int items, int sums_offset,
                              UBS_GLOBAL real* sums) {
   int item = (int)UBS_GLOBAL_ID(0);

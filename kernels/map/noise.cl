@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Adds a random displacement to the means (method.md 4.3 step 3). One work-item processes UBS_VW splats. `first_number`
-// is the index in the whole model of the first splat here; the random numbers depend on it.
+// is the index that the first splat of `params` has in the whole model. The random numbers depend on this index.
 
 UBS_KERNEL void add_noise(UBS_GLOBAL real* params, uint count, uint stride, real amount, uint seed0,
                           uint seed1, uint iteration0, uint iteration1, uint first_number) {

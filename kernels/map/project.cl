@@ -1,9 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-// Conditioning and projection fused into one kernel, forward and backward. One work-item processes UBS_VW consecutive
-// splats with kernels/math/splat.h. Parameters are stored in rows, and records per splat.
+// The kernels project_forward and project_backward. Each of them does the conditioning and the projection of splats in
+// one pass. One work-item processes UBS_VW consecutive splats with the functions of kernels/math/splat.h. Parameters
+// are stored row by row, with one row for each parameter of all splats; records are stored splat by splat.
 
-// The arguments that all kernels of this file have in common. Splat i has record first_record + i, because groups of
-// splats with different dimensions share one set of records.
+// SplatsInView holds the arguments that all kernels of this file have in common. Splat i has record first_record + i,
+// because groups of splats with different numbers of dimensions share one buffer of records.
 typedef struct {
   UBS_GLOBAL const real* params;
   uint count, stride, first_record;
@@ -31,19 +32,19 @@ UBS_FN CameraView load_camera(SplatsInView view) {
 }
 
 #ifndef UBS_PREFETCH_AHEAD
-#define UBS_PREFETCH_AHEAD 1  // in work-items; reaching past the last row is harmless
+#define UBS_PREFETCH_AHEAD 1  // distance in work-items; a prefetch past the end of a buffer is harmless
 #endif
 
-// Prefetches the records (of `words` reals, one cache line) of a later work-item. `records` are those of the current
-// one.
+// Prefetches the records of a later work-item. `records` points to those of the current work-item. A record has `words`
+// reals and is one cache line.
 #define UBS_PREFETCH_RECORDS(prefetch, records, words)                    \
   UBS_UNROLL for (int lane = 0; lane < UBS_VW; ++lane) {                  \
     prefetch((records) + (UBS_PREFETCH_AHEAD * UBS_VW + lane) * (words)); \
   }
 
-// Loads the parameters of UBS_VW splats. backward: a constant that selects the prefetch. The forward kernel is 3 %
-// slower if it prefetches into the second-level cache; backward and learn.cl are 7 to 12 % faster
-// (docs/results/2026-11-23-before-after.md).
+// Loads the parameters of UBS_VW splats and prefetches those of a later work-item. `backward` is a constant that
+// selects the cache level of the prefetch. Prefetching into the second-level cache makes the backward kernel and
+// learn.cl 7 to 12 % faster, but the forward kernel 3 % slower (docs/results/2026-11-23-before-after.md).
 UBS_FN SplatRaw load_splats(SplatsInView view, uint first, int backward) {
   SplatRaw raw;
   UBS_UNROLL for (int k = 0; k < kRowCount; ++k) {
@@ -58,9 +59,9 @@ UBS_FN SplatRaw load_splats(SplatsInView view, uint first, int backward) {
   return raw;
 }
 
-// Returns whether the vector of raw parameters is no longer than UBS_RAW_MAX; false for NaN and infinities. A sum of
-// squares costs one instruction per parameter. There are two sums, so that consecutive instructions do not wait for
-// each other.
+// Returns whether the length of the vector of raw parameters is at most UBS_RAW_MAX. This is false if a parameter is
+// NaN or infinite. The sum of squares costs only one instruction per parameter. It is divided into two sums, so that
+// consecutive instructions do not wait for each other.
 UBS_FN vmask within_raw_range(SplatRaw raw) {
   vreal even = V(0.0), odd = V(0.0);
   UBS_UNROLL for (int k = 0; k + 1 < kRowCount; k += 2) {
@@ -71,7 +72,8 @@ UBS_FN vmask within_raw_range(SplatRaw raw) {
   return even + odd <= (vreal)(UBS_RAW_MAX * UBS_RAW_MAX);
 }
 
-// First and last pixel in 0 .. size-1 whose centre is within half_extent of the middle; first > last if there is none.
+// The first and the last pixel from 0 to size - 1 whose centres are within half_extent of the middle. If there is no
+// such pixel, first > last.
 typedef struct {
   vreal first, last;
 } PixelRange;
@@ -85,19 +87,21 @@ UBS_FN PixelRange pixel_range(vreal middle, vreal half_extent, real size) {
   return range;
 }
 
+// Returns whether any of the splats needs the computations for thin splats (splat_thin()).
 UBS_FN int any_thin(SplatRaw raw) {
   ThinSplats thin = splat_thin(raw);
   return ubs_any_lane(thin.lifted | thin.coupled);
 }
 
 #ifndef UBS_CAMERA_GRAD
-// Projects the splats and writes their results. thin: see splat_state(); to: index of the first record.
+// Projects the splats and writes their results. `thin` is passed to splat_state(). `to` is the index of the first
+// record.
 UBS_FN void project_block(CameraView cam, SplatRaw raw, Sight sight, int thin, uint to, UBS_GLOBAL real* records,
                           UBS_GLOBAL uint* depth_keys, UBS_GLOBAL uint* tile_rects,
                           UBS_GLOBAL uint* tile_counts) {
-  // With one lane (GPUs) the check comes first, because later it would keep all parameters in registers. With wide
-  // lanes the parameters are in memory anyway, and it is 4 % faster to check after the projection, while other
-  // instructions wait.
+  // With one lane, as on GPUs, the range is checked first, because a later check would keep all parameters in
+  // registers. With several lanes, the parameters are in memory anyway. Then it is 4 % faster to check the range after
+  // the projection, because the check fills the time in which other instructions wait.
   vmask within;
   if (UBS_VW == 1) within = within_raw_range(raw);
   SplatImage splat = splat_image(raw, splat_state(cam, raw, sight, thin));
@@ -137,7 +141,7 @@ UBS_FN void project_block(CameraView cam, SplatRaw raw, Sight sight, int thin, u
   store_pairs(tx0 | (tx1 << 16), ty0 | (ty1 << 16), tile_rects + 2 * (size_t)to);
 }
 
-// Processes all work-items of a group, so that values that they share are computed once.
+// Processes all items of the work-item, so that values that the items share are computed only once.
 UBS_FN void project_forward_items(uint item, SplatsInView view, UBS_GLOBAL real* records,
                                   UBS_GLOBAL uint* depth_keys, UBS_GLOBAL uint* tile_rects,
                                   UBS_GLOBAL uint* tile_counts) {
@@ -168,7 +172,8 @@ UBS_KERNEL void project_forward(UBS_GLOBAL const real* params, uint count, uint 
 #endif
 
 #if !UBS_FORWARD_ONLY
-// The summed gradients of projected splats, and in which lanes they are not zero.
+// SummedGradient holds the gradients of projected splats. `contributing` is true in the lanes whose gradient is not
+// zero.
 typedef struct {
   SplatImageVjp v;
   vmask contributing;
@@ -204,7 +209,8 @@ UBS_FN SplatRaw raw_gradient(CameraView camera, SplatRaw raw, SplatImageVjp v) {
   return splat_vjp(camera, raw, sight, v, 0);
 }
 
-// v_params has only the rows of trained parameters. The compiler removes computations that only serve other rows.
+// Computes the gradient of the raw parameters. v_params has only the rows of trained parameters. The compiler removes
+// computations that are only needed for other rows.
 UBS_FN void project_backward_items(uint item, SplatsInView view, UBS_GLOBAL const real* v_records,
                                    UBS_GLOBAL real* v_params, uint accumulate) {
   UBS_APART

@@ -1,17 +1,19 @@
 // SPDX-License-Identifier: Apache-2.0
-// Reads and writes records of 16 reals per splat for UBS_VW consecutive splats at once; field k of all lanes is one
-// vreal. With 16 lanes the two layouts are transposes of each other. The transposition is done in registers, because a
-// transposition through memory, element by element, would stall on store forwarding. With one lane, records are
-// accessed in words of four reals; neighbouring lanes of a GPU then access words that are 64 bytes apart.
+// Functions that read and write the records of UBS_VW consecutive splats. In memory, each splat has a record of 16
+// reals. In registers, field k of all UBS_VW records is one vreal. With 16 lanes the two layouts are transposes of each
+// other. The transposition is done in registers, because a transposition through memory, element by element, would
+// stall on store forwarding. With one lane, records are accessed in words of four reals; neighbouring lanes of a GPU
+// then access words that are 64 bytes apart.
 
 typedef struct {
   vreal field[16];
 } Records;
 
 #if UBS_VW == 16
-// Transposes within groups of four first (opencl/shuffles.h), then moves whole groups of four.
+// Transposes the records. It first transposes within groups of four lanes (opencl/shuffles.h), and then moves whole
+// groups of four.
 UBS_FN Records transpose_records(Records r) {
-  Records fours, out;  // fours[4 g + s] has fields 4 g .. 4 g + 3 of the splats s, s + 4, s + 8 and s + 12
+  Records fours, out;  // fours[4 g + s] has the fields 4 g to 4 g + 3 of the splats s, s + 4, s + 8 and s + 12
   UBS_UNROLL for (int g = 0; g < 16; g += 4) {
     float16 low = unpack_low(r.field[g], r.field[g + 1]), low2 = unpack_low(r.field[g + 2], r.field[g + 3]);
     float16 high = unpack_high(r.field[g], r.field[g + 1]), high2 = unpack_high(r.field[g + 2], r.field[g + 3]);
@@ -79,7 +81,7 @@ UBS_FN void store_records(Records r, UBS_GLOBAL real* to) {
 #endif
 }
 
-// Writes (a, b) of lane i to to[2 i] and to[2 i + 1].
+// Writes the values a and b of lane i to to[2 i] and to[2 i + 1].
 UBS_FN void store_pairs(vuint a, vuint b, UBS_GLOBAL uint* to) {
 #if UBS_VW == 16
   vstore16(as_uint16(interleave_low(as_float16(a), as_float16(b))), 0, to);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Adds the gradients of the parameter penalties. x: UBS_VW splats per work-item.
+// Adds the gradients of the parameter penalties to v_params. One work-item processes UBS_VW splats.
 
 UBS_KERNEL void regularise(UBS_GLOBAL const real* params, UBS_GLOBAL real* v_params, uint count, uint stride,
                            PenaltyWeights weights) {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Replaces the first number of each row of `sums` (count, pitch) by the sum of the row.
+// Replaces the first number of each row of `sums` by the sum of the row. `sums` has the shape (count, pitch).
 
 UBS_KERNEL void row_sums(UBS_GLOBAL real* sums, int pitch, int count) {
   int row = (int)UBS_GLOBAL_ID(0);

@@ -1,12 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
-// Adds a sky behind the splats, and computes its gradient (method.md 4.11). In the direction d of a pixel the sky has
-// the colour
-//   B(d) = s_0 + sum_{k = 1 ... 8} Y_k(d) s_k,   with the harmonics Y_k of math/colour.h (UBS_SH_COUNT is 9 here),
-// and transmittance * B is added to the pixel. Element 3 k + c of `sky` is channel c of s_k. Planes are padded to whole
-// tiles; values in the padding are undefined and do not enter any sum.
+// Kernels that add a learnt sky behind the splats and compute the gradient of the sky (method.md 4.11). In the
+// direction d of a pixel the sky has the colour
+//   B(d) = s_0 + sum_{k = 1 ... 8} Y_k(d) s_k
+// with the spherical harmonics Y_k of math/colour.h (UBS_SH_COUNT must be 9). transmittance * B is added to the pixel.
+// Element 3 k + c of `sky` is channel c of s_k. Planes are padded to whole tiles; values in the padding are undefined
+// and do not enter any sum.
 
-#define SKY_ROWS 16  // rows per partial sum; divides the rows of a plane
+#define SKY_ROWS 16  // number of rows per partial sum; the number of rows of a plane is a multiple of it
 
+// Returns the factors of s_0 to s_8 in B(d) for UBS_VW pixels of row y, starting at column x.
 UBS_FN ShBasis sky_basis(UBS_GLOBAL const real* camera, int x, int y) {
   UBS_GLOBAL const real* turn = camera + kCameraRotation;
   vreal px = UBS_TO_VREAL(ubs_lane_indices((uint)x)) + V(0.5);
@@ -35,7 +37,8 @@ UBS_KERNEL void draw_sky(UBS_GLOBAL const real* cameras, uint camera, UBS_GLOBAL
   }
 }
 
-// sums: partial sums of UBS_VW columns in a strip of rows; each number of the sky has a plane of (strips, pitch).
+// Writes to `sums` the partial sums for the gradient of the sky. Each of its 27 numbers has a plane of (strips, pitch);
+// an element of the plane is the sum over one column of a strip of SKY_ROWS rows.
 UBS_KERNEL void sky_vjp(UBS_GLOBAL const real* cameras, uint camera, int width, int height, int pitch, int rows,
                         UBS_GLOBAL const real* transmittance, UBS_GLOBAL const real* v_image, UBS_GLOBAL real* sums) {
   int x = (int)(UBS_GLOBAL_ID(0) * UBS_VW), strip = (int)UBS_GLOBAL_ID(1);
@@ -60,6 +63,8 @@ UBS_KERNEL void sky_vjp(UBS_GLOBAL const real* cameras, uint camera, int width, 
   UBS_UNROLL for (int q = 0; q < SKY_NUMBERS; ++q) UBS_STORE(sum[q], sums + (q * strips + strip) * pitch + x);
 }
 
+// Computes the gradient of the sky, with one work-item per number. Before, the kernel row_sums must have replaced the
+// first element of each row of `sums` by the sum of the row.
 UBS_KERNEL void sky_gradient(UBS_GLOBAL const real* sums, int pitch, int strips, UBS_GLOBAL real* gradient,
                              uint first) {
   int q = (int)UBS_GLOBAL_ID(0);

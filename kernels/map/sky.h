@@ -1,3 +1,3 @@
 // SPDX-License-Identifier: Apache-2.0
-// Size of a sky: nine functions of the direction for each of three channels.
+// Number of parameters of a learnt sky. It has a coefficient for each of nine spherical harmonics and three channels.
 #define SKY_NUMBERS 27

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Takes one Adam step of the 27 numbers of a sky (map/sky.cl), one work-item per number. The gradients of a batch's
-// views are added in their order. state: the numbers and their two moments. The constant colour is kept within [0, 1].
+// Takes one Adam step of the 27 numbers of a learnt sky (map/sky.cl), with one work-item per number. The gradients of
+// the views of a batch are added in the order of the views. `state` contains the numbers, then their first and second
+// moments. The first three numbers, the constant colour, are kept within [0, 1].
 
 UBS_KERNEL void sky_step(UBS_GLOBAL real* state, UBS_GLOBAL const real* gradients, uint views, real rate,
                          real rate_harmonics, real beta1, real beta2, real epsilon, real inverse_bias1,

@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// SSIM over the windows that are completely inside the image (kernels/math/loss.h), for one channel at a time. The
-// window is separable: ssim_rows sums along rows into four planes, and ssim_columns sums those along columns. A plane
-// has `pitch` columns, a multiple of 16; the values after column width - 11 are never used.
-// Means are relative to the middle of [0, 1], so that var = E[u^2] - E[u]^2 loses at most 1e-7 of C2 = 9e-4.
+// Computes 1 - SSIM for all windows that are completely inside the image (kernels/math/loss.h), one channel at a time.
+// The window is separable: ssim_rows sums along rows into four planes, and ssim_columns sums these planes along
+// columns. A plane has `pitch` columns, a multiple of 16; the values after column width - 11 are never used.
+// Pixels are relative to the middle of [0, 1], so that the rounding error of var = E[u^2] - E[u]^2 is at most 1e-7.
+// This is small compared with the constant C2 = 9e-4 of the formula of SSIM.
 
 // Computes the window sums of u, v, u^2 and v^2 along row y, with u = a + b - 1 and v = a - b.
 UBS_KERNEL void ssim_rows(UBS_GLOBAL const real* a, UBS_GLOBAL const real* b, int first, int width, int height,
@@ -29,8 +30,8 @@ UBS_KERNEL void ssim_rows(UBS_GLOBAL const real* a, UBS_GLOBAL const real* b, in
   UBS_STORE(svv, sums + to + 3 * plane);
 }
 
-// Computes 1 - SSIM of the windows that start in row y. The results are height - 10 rows of `pitch` values from element
-// `results` on. Values after the last window of a row are zero.
+// Computes 1 - SSIM of the windows that start in row y. The results are written to `sums`, starting at element
+// `results`. They are height - 10 rows of `pitch` values. Values after the last window of a row are zero.
 UBS_KERNEL void ssim_columns(UBS_GLOBAL real* sums, int width, int height, int pitch, int results) {
   const real weights[kSsimTaps] = UBS_SSIM_WEIGHTS;
   int x = (int)(UBS_GLOBAL_ID(0) * UBS_VW);

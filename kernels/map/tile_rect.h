@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The data that tile lists are built from: a splat's rectangle of tiles (x0 | x1 << 16, y0 | y1 << 16, both ends
-// inclusive), and the number of elements.
+// Functions that read the data from which tile lists are built: the rectangle of tiles of a splat, and numbers of
+// elements. A rectangle is stored in two words, x0 | x1 << 16 and y0 | y1 << 16. Both ends are inclusive.
 
 typedef struct {
   uint x0, x1, y0, y1;
@@ -14,12 +14,13 @@ UBS_FN TileRect tile_rect(uint2 packed) {
 UBS_FN uint tile_rect_width(TileRect rect) { return rect.x1 - rect.x0 + 1; }
 UBS_FN uint tile_rect_area(TileRect rect) { return tile_rect_width(rect) * (rect.y1 - rect.y0 + 1); }
 
-// Returns a number of elements. It is `most`, or, if only the device knows the number, the value stored at `counted`,
-// which is at most `most`. In the second case the launch has work-items for the whole capacity of the buffers, and
-// those beyond the number do nothing.
+// Returns a number of elements. If the host knows the number, it passes it as `most`, and `counted` is null. Otherwise
+// the number is stored on the device at `counted`, and `most` is an upper bound. In this case the launch has work-items
+// for `most` elements, and the work-items beyond the actual number have nothing to do.
 UBS_FN uint listed(uint most, UBS_GLOBAL const uint* counted) { return counted ? *counted : most; }
 
-// Returns the i in [low, high) with firsts[i] <= place < firsts[i + 1]. The values of firsts are strictly ascending.
+// Returns the index i in [low, high) with firsts[i] <= place < firsts[i + 1]. The values of `firsts` must be strictly
+// ascending.
 UBS_FN uint find_owner(UBS_GLOBAL const uint* firsts, uint low, uint high, size_t place) {
   while (high - low > 1) {
     uint middle = low + (high - low) / 2;

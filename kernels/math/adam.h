@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// One Adam step (method.md 4.2) of one parameter, and the gradients of the parameter penalties
-// (method.md 4.1). Both take raw parameters, before activation.
+// Computes one Adam step of one parameter (method.md 4.2) and the gradients of the parameter penalties (method.md 4.1).
+// All functions work on raw parameters, that is, on parameters before their activation function.
 #pragma once
 
 typedef struct {
@@ -15,9 +15,10 @@ typedef struct {
   real inverse_sqrt_bias2;  // 1 / sqrt(1 - beta2^t)
 } AdamConstants;
 
-// Returns the state after one step. epsilon is added to sqrt(v_hat), as in PyTorch, and prevents 0/0 for a zero
-// gradient. Moments below the normal range of single precision have no effect, even if the device flushes them to zero:
-// v < 1.2e-38 means sqrt(v_hat) <= 3.5e-18 (t = 1) or 1.1e-19 (large t), compared with epsilon = 1e-15.
+// Returns the state after one step. epsilon is added to sqrt(v_hat), where v_hat is the second moment v with its bias
+// correction, as in PyTorch. It prevents 0/0 for a zero gradient. Second moments below the normal range of single
+// precision may be flushed to zero by the device without an effect on the step: for v < 1.2e-38, sqrt(v_hat) is at most
+// 3.5e-18 in the first step and less in later steps, which is far below epsilon = 1e-15.
 UBS_FN AdamState adam_update(AdamState s, vreal gradient, real learning_rate, AdamConstants k) {
   s.moment1 = k.beta1 * s.moment1 + (R(1.0) - k.beta1) * gradient;
   s.moment2 = k.beta2 * s.moment2 + (R(1.0) - k.beta2) * gradient * gradient;
@@ -26,14 +27,14 @@ UBS_FN AdamState adam_update(AdamState s, vreal gradient, real learning_rate, Ad
   return s;
 }
 
-// Returns whether any of the three values is NaN or infinite; multiplied by 0, such a value gives NaN.
+// Returns whether any of the three values is NaN or infinite. The product of such a value and 0 is NaN.
 UBS_FN vmask adam_not_finite(AdamState s) {
   vreal zero = s.param * R(0.0) + s.moment1 * R(0.0) + s.moment2 * R(0.0);
   return zero != zero;
 }
 
-// Returns the parameter row that belongs to a row of gradients and moments. The latter have no rows for parameter
-// groups that are not trained (UBS_FROZEN).
+// Returns the parameter row that belongs to a row of gradients and moments. Gradients and moments have no rows for
+// parameter groups that are not trained (UBS_FROZEN).
 #define UBS_SKIP_FROZEN(g, first, last, row) \
   if ((UBS_FROZEN >> (g)&1) && row >= (first)) row += (last) - (first);
 UBS_FN int adam_param_row(int row) {
@@ -41,17 +42,17 @@ UBS_FN int adam_param_row(int row) {
   return row;
 }
 
-// Returns d/d raw of weight * sigmoid(raw). The slope o (1 - o) is computed as sigmoid(raw) sigmoid(-raw), without
-// cancellation.
+// Returns the derivative of weight * sigmoid(raw) with respect to raw. The slope o (1 - o) of the sigmoid o is computed
+// as sigmoid(raw) sigmoid(-raw), which avoids cancellation.
 UBS_FN vreal opacity_penalty_vjp(vreal raw_opacity, real weight) {
   return weight * ubs_sigmoid(raw_opacity) * ubs_sigmoid(-raw_opacity);
 }
 
-// Returns d/d raw of weight * softplus(raw).
+// Returns the derivative of weight * softplus(raw) with respect to raw.
 UBS_FN vreal scale_penalty_vjp(vreal raw_scale, real weight) { return weight * ubs_sigmoid(raw_scale); }
 
-// These functions return whether a row of parameters has a penalty, and the gradient of the penalty with respect to the
-// raw parameter. The weights are those of one splat.
+// has_penalty() returns whether a row of parameters has a penalty. penalty_vjp() returns the gradient of the penalty
+// with respect to the raw parameter. The weights are already divided by the number of splats.
 UBS_FN int has_penalty(int row, PenaltyWeights w) {
   if (row == kRowOpacity) return w.opacity != R(0.0);
   if (row >= kRowScale && row < kRowScale + 3) return w.scale != R(0.0);

@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-// Blends one splat into one pixel: the spatial kernel, alpha, front-to-back compositing, and the gradient of these
-// (method.md 2.6, 3.1). All rasterisers use these functions. The lanes of a vector are pixels, and d is the mean of the
-// splat minus the pixel centre.
+// Functions that blend one splat into one pixel (method.md 2.6, 3.1). They compute the spatial kernel, alpha, the
+// front-to-back compositing, and the gradients of these. All rasterisers use them. The lanes of a vector are pixels,
+// and d is the mean of the splat minus the pixel centre.
 // The kernel is (1 - r)^beta for r < 1. With UBS_FALLOFF_GAUSSIAN it is exp(-r/2) wherever alpha >= 1/255. With
-// UBS_FALLOFF_OWN it is 2^G for r < UBS_SUPPORT, where G is an expression of r and beta that the user gives. With
-// UBS_ALPHA_MIN a splat contributes only where alpha exceeds that limit.
-// The macros UBS_NO_V_SHAPE, UBS_NO_V_OPACITY, UBS_NO_V_BETA and UBS_NO_V_COLOUR say that the gradient of mean and
-// conic, of the opacity, of beta or of the colour is not requested; the sums for it then stay zero.
+// UBS_FALLOFF_OWN it is 2^G for r < UBS_SUPPORT, where G is an expression of r and beta that the user has written. If
+// UBS_ALPHA_MIN is above 0, a splat contributes only to pixels in which its alpha exceeds this limit.
+// If one of the macros UBS_NO_V_SHAPE (mean and conic), UBS_NO_V_OPACITY, UBS_NO_V_BETA and UBS_NO_V_COLOUR is defined,
+// the corresponding gradient is not computed, and its sums stay zero.
 #pragma once
 
 // The values of a splat that blending reads. They are the same for all pixels of a block.
@@ -18,19 +18,20 @@ typedef struct {
 
 typedef struct {
   vreal p, q;      // L d: the offset in the coordinates of the ellipse
-  // p^2 + q^2, in units of the support radius (Gaussian: of the standard deviation). For the Beta kernel it is clamped
-  // to the largest number below 1.
+  // p^2 + q^2, the squared distance from the mean. The unit of the distance is the radius of the support, or the
+  // standard deviation for a Gaussian. For the Beta kernel r is clamped to the largest number below 1.
   vreal r;
-  vreal log2_1mr;  // log2(1 - r); G of UBS_FALLOFF_OWN; undefined for a Gaussian
-  vreal falloff;   // (1 - r)^beta
+  vreal log2_1mr;  // log2(1 - r); with UBS_FALLOFF_OWN the value of G; 0 for a Gaussian
+  vreal falloff;   // the value of the kernel
   vreal alpha;     // 0 outside the support
-  vmask inside;    // r < 1 (Gaussian: alpha >= 1/255), and alpha > UBS_ALPHA_MIN if that is set
-  vmask passes;    // inside, and alpha is below its maximum: the gradient is not zero
+  // True if the pixel is in the support of the kernel and alpha is not below the limits described above.
+  vmask inside;
+  vmask passes;    // `inside`, and alpha is below its maximum, so that the gradient of alpha is not zero
 } BlendAlpha;
 
 // The expressions of UBS_FALLOFF_OWN. own_inside() moves r away from the centre and from the end of the support, so
-// that the expressions and their rounded terms are finite. `rim` is the least distance from the end, as a part of the
-// support. For slopes it is UBS_RIM, which limits the slope of the Beta kernel too.
+// that the expressions and their rounded terms are finite. `rim` is the minimum distance from the end, as a fraction of
+// UBS_SUPPORT. For slopes it is UBS_RIM, the same value that limits the slope of the Beta kernel.
 UBS_FN vreal own_inside(vreal r, real rim) {
   r = r < (vreal)(UBS_SUPPORT * (R(1.0) - rim)) ? r : (vreal)(UBS_SUPPORT * (R(1.0) - rim));
   return r > (vreal)(UBS_SUPPORT * R(1e-12)) ? r : (vreal)(UBS_SUPPORT * R(1e-12));
@@ -82,10 +83,10 @@ UBS_FN BlendAlpha blend_end(BlendSplat s, BlendAlpha a) {
 
 UBS_FN BlendAlpha blend_alpha(BlendSplat s, vreal dx, vreal dy) { return blend_end(s, blend_begin(s, dx, dy)); }
 
-// One compositing step: the transmittance after the splat, and the weight alpha * T of the splat. If the splat would
-// finish the pixel, it is skipped and the pixel is closed: its `open` transmittance becomes 0 and stays 0.
+// BlendStep is the result of one compositing step. If the transmittance after the splat would be at most
+// UBS_TRANSMITTANCE_MIN, the splat is skipped and the pixel is closed: its value `open` becomes 0 and stays 0.
 typedef struct {
-  vreal weight;
+  vreal weight;      // weight of the splat's colour: alpha times the transmittance in front of the splat
   vreal open;        // transmittance if the pixel stays open, otherwise 0
   vmask composited;  // the splat contributes to the pixel
 } BlendStep;
@@ -104,18 +105,19 @@ UBS_FN vreal blend_expected_depth(vreal weighted_depth, vreal weight) {
   return weighted_depth / ubs_max(weight, V(1e-10));
 }
 
-// Gradient of one splat at one pixel. The sums do not contain the factors that are the same for all pixels;
-// blend_factors() applies those once per splat or tile. With h = v_alpha * alpha / max(1-r, rim) and (p, q) = L d,
+// BlendSums holds sums over pixels from which the gradient of a splat is computed. They do not contain the factors that
+// are the same for all pixels; blend_factors() returns these factors, which are applied once per splat or tile.
+// With h = v_alpha * alpha / max(1-r, rim) and (p, q) = L d, the gradients of the mean and of the ellipse are
 //   v_mean = -2 beta L^T sum h (p, q),   W = beta sum h (p, q) (p, q)^T   (EllipseVjp of ellipse.h).
-// Inside the support |(p, q)| < 1. In pixel coordinates, as sums of h d d^T, the short axis of a thin ellipse would be
-// lost in the rounding error of the long one.
 // For a Gaussian, h = v_alpha * alpha, and beta is replaced by 1/2. With UBS_FALLOFF_OWN,
 // h = -ln 2 dG/dr v_alpha * alpha, and beta is replaced by 1.
+// The sums use the coordinates (p, q) of the ellipse, with |(p, q)| < 1 inside the support. With sums of h d d^T in
+// pixel coordinates, the short axis of a thin ellipse would be lost in the rounding error of the long axis.
 typedef struct {
-  // h p, h q, h p^2, h p q, h q^2. With UBS_ABSGRAD the first two are |h p| and |l01 h p + l11 h q|.
+  // Sums of h p, h q, h p^2, h p q and h q^2. With UBS_ABSGRAD the first two are sums of |h p| and |l01 h p + l11 h q|.
   vreal hp, hq, hpp, hpq, hqq;
   vreal opacity;                // falloff * v_alpha
-  vreal log_beta;               // alpha log2(1-r) v_alpha; alpha dG/dbeta v_alpha with UBS_FALLOFF_OWN
+  vreal log_beta;               // alpha log2(1-r) v_alpha, or alpha dG/dbeta v_alpha with UBS_FALLOFF_OWN
   vreal r, g, b;                // weight * v_pixel
 } BlendSums;
 
@@ -125,16 +127,16 @@ UBS_FN BlendSums blend_no_sums(void) {
   return s;
 }
 
-// Returns v_pixel . (colour composited after the splat, including the background), from the same value before the
-// splat.
+// Returns the dot product of the gradient v of the pixel's colour and the colour that is composited after the splat,
+// including the background. `remaining` is the result for the previous splat.
 UBS_FN vreal blend_remaining(BlendSplat s, BlendStep step, vreal remaining, vreal v_r, vreal v_g, vreal v_b) {
   return remaining - step.weight * (s.r * v_r + s.g * v_g + s.b * v_b);
 }
 
-// Adds the contribution of the splat at one pixel to `sums`. Each sum is one expression, so that it compiles to one
-// fused instruction.
-// open: transmittance in front of the splat; remaining: result of blend_remaining() for this splat; v_*: gradient of
-// the loss with respect to the colour of the pixel.
+// Adds the contribution of the splat at one pixel to `sums`. Each addition is one expression, so that it compiles to
+// one fused instruction. `open` is the transmittance in front of the splat, `remaining` is the result of
+// blend_remaining() for this splat, and v_r, v_g and v_b are the gradient of the loss with respect to the colour of the
+// pixel.
 UBS_FN BlendSums blend_vjp(BlendSums sums, BlendSplat s, BlendAlpha a, BlendStep step, vreal open, vreal remaining,
                            vreal v_r, vreal v_g, vreal v_b) {
 #ifndef UBS_NO_V_COLOUR
@@ -145,7 +147,7 @@ UBS_FN BlendSums blend_vjp(BlendSums sums, BlendSplat s, BlendAlpha a, BlendStep
   vreal one_minus_alpha = V(1.0) - a.alpha;
   vreal rim = V(1.0) - a.r;
   rim = rim < (vreal)(UBS_RIM) ? (vreal)(UBS_RIM) : rim;
-  vreal inverse = ubs_reciprocal(one_minus_alpha * rim);  // Beta kernel: one division serves both quotients
+  vreal inverse = ubs_reciprocal(one_minus_alpha * rim);  // the Beta kernel needs 1 / one_minus_alpha and 1 / rim
   vreal v_alpha = open * (s.r * v_r + s.g * v_g + s.b * v_b) -
                   (UBS_FALLOFF == UBS_FALLOFF_BETA ? remaining * (inverse * rim) : remaining / one_minus_alpha);
   v_alpha = (step.composited & a.passes) ? v_alpha : V(0.0);
@@ -178,8 +180,9 @@ UBS_FN BlendSums blend_vjp(BlendSums sums, BlendSplat s, BlendAlpha a, BlendStep
   return sums;
 }
 
-// Factors that turn the sums over pixels into the gradient of the projected splat: v_x = xp hp, v_y = yp hp + yq hq,
-// W = square (hpp, hpq, hqq), v_beta = ln 2 log_beta. The other sums are gradients already.
+// BlendFactors holds the factors that turn the sums over pixels into the gradient of the projected splat:
+// v_x = xp hp, v_y = yp hp + yq hq, W = square (hpp, hpq, hqq) and v_beta = ln 2 log_beta. The other sums are already
+// gradients.
 typedef struct {
   real xp, yp, yq, square;
 } BlendFactors;

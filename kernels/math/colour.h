@@ -1,10 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-// The colour of a splat seen from a direction. It is the raw rgb; or max(0, 1/2 + sum_k Y_k(d) f_k) with the real
-// spherical harmonics Y_k up to degree 3, in the order and with the signs of 3D Gaussian Splatting; or the constant
-// harmonic plus spherical Beta lobes (method.md 5.2). The functions also compute the gradients of the coefficients and
-// of the direction.
-// The direction d is a unit vector. Its gradient is that of the polynomials extended to all of space; splat.h projects
-// it onto the sphere with the derivative of the normalisation.
+// Functions for the colour of a splat seen from a direction d, and its gradients (method.md 5.2). UBS_COLOUR selects
+// one of three representations of the colour:
+// - the raw rgb values, without dependence on the direction;
+// - max(0, 1/2 + sum_k Y_k(d) f_k) with the real spherical harmonics Y_k up to degree 3, in the order and with the
+//   signs of 3D Gaussian Splatting;
+// - the constant harmonic plus spherical Beta lobes.
+// The direction d is a unit vector. The gradient of d is that of the polynomials in all of space; splat.h multiplies it
+// by the derivative of the normalisation, which projects it onto the sphere.
 #pragma once
 
 typedef struct {
@@ -87,10 +89,10 @@ UBS_FN int sh_row(int c, int k) {
 // and the raw beta.
 UBS_FN int lobe_row(int field, int l) { return kRowRgb + 3 + field * UBS_LOBES + l; }
 
-// A lobe adds softplus_k(raw colour) u^p to the colour, where u = d . m is positive. m is the axis of the lobe, and
-// p = 4 exp(beta).
+// Lobe is a spherical Beta lobe, seen from the direction d. Where u = d . m is positive, the lobe adds
+// softplus_k(raw colour) u^p to the colour. m is the axis of the lobe, and p = 4 exp(beta).
 typedef struct {
-  Vec3 m, m_theta, m_phi;  // axis and its derivatives
+  Vec3 m, m_theta, m_phi;  // axis, and its derivatives with respect to the angles theta and phi
   vreal log_value;         // p ln u
   vreal value, slope;      // u^p, and its derivative with respect to u
 } Lobe;
@@ -121,7 +123,7 @@ UBS_FN Lobe lobe_seen(vreal theta, vreal phi, vreal raw_beta, Vec3 d) {
   return b;
 }
 
-// Softplus with the sharpness k = 10 ln 2; a raw colour of 0 gives 0.1.
+// softplus_k, the softplus function with the sharpness k = 10 ln 2. A raw colour of 0 gives 0.1.
 #define UBS_LOBE_SHARPNESS V(6.9314718055994530942)
 UBS_FN vreal lobe_colour(vreal raw) { return ubs_softplus(UBS_LOBE_SHARPNESS * raw) / UBS_LOBE_SHARPNESS; }
 UBS_FN vreal lobe_colour_slope(vreal raw) { return ubs_sigmoid(UBS_LOBE_SHARPNESS * raw); }

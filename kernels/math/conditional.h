@@ -1,28 +1,29 @@
 // SPDX-License-Identifier: Apache-2.0
-// Slices a splat at a query (view direction, time, ...). The results are the offset of its mean, the shrinkage of its
-// spatial covariance and the attenuation of its opacity. All three come from ONE triangular factor (method.md 2.3, 2.4,
-// 3.3).
+// Functions that slice a splat at a query (view direction, time, ...), which means to condition it on the query. The
+// results are the offset of the splat's mean, the matrix that shrinks its spatial covariance, and the attenuation of
+// its opacity. All three are computed from the same triangular factor (method.md 2.3, 2.4, 3.3).
 //
 // Everything is expressed in the splat's own frame M (covariance.h), where Sigma_x is the identity and the query
 // coupling is B (C rows of length N, [Lqx, Lq] or dense):
 //   Sigma_q = B B^T = Lh Lh^T,  B = Lh [U, Q']     (LQ factorisation: the rows of [U, Q'] are orthonormal)
 //   y = Lh^-1 x,  z = Lh^-1 (bt * x),  Y = Lh^-1 diag(bt) B_F
 //   mean offset k = U^T z,  covariance K = I - U^T Y,  so that mu_c = mu_x + M k and V = M K M^T.
-// M has F columns: 3, or N if no block of L is zero. Sigma_xq = M B_F^T, where B_F is the first F columns of B. U is
-// the first F columns of the orthonormal rows, so that the formulas hold for F = N as well.
-// In mode `whiten`, and in all modes without weights, the weights are applied between the factors: z = bt * y,
-// Y = diag(bt) U. This makes K = I - U^T diag(bt) U symmetric and positive semidefinite.
+// M has F columns. F is 3, or N if no block of L is zero. Sigma_xq = M B_F^T, where B_F is the first F columns of B. U
+// is the first F columns of the orthonormal rows, so that the formulas hold for F = N as well.
+// The vector bt contains the weights of the query dimensions. With `cov_mode whiten`, and if all weights are 1, the
+// weights are applied between the factors: z = bt * y, Y = diag(bt) U. This makes K = I - U^T diag(bt) U symmetric and
+// positive semidefinite.
 // B is factorised instead of B B^T, so that the condition number is not squared. The pivots stay positive in single
 // precision in cases where a Cholesky factorisation of Sigma_q would fail.
 #pragma once
 
 typedef struct {
   FrameVec offset;   // k
-  FrameMat shrink;   // K, not symmetric when the weights differ
+  FrameMat shrink;   // K; not symmetric if the weights differ
   vreal log_factor;  // ln(o_q / o) <= 0
 } Conditional;
 
-// True if the weights commute with the whitening.
+// True if the weights are applied between the factors (see above).
 #define UBS_WHITEN (UBS_COV_MODE == UBS_COV_WHITEN || UBS_BETA_COND == UBS_BETA_COND_OFF)
 
 #if UBS_C > 0
@@ -35,12 +36,13 @@ typedef struct {
   vreal e[UBS_C][UBS_C];
 } QueryMat;
 
-// The activated inputs of the slice. direct.h describes the contents of `b` with direct conditioning.
+// The inputs of the slice, after the activation functions. With direct conditioning, `b` has other contents, which
+// direct.h describes.
 typedef struct {
   vreal b[UBS_C][3 + UBS_C];  // B; entries right of the diagonal of Lq are zero
   QueryVec x;                 // query - mean
-  QueryVec exponent;          // 4 exp(b_q); 1 if the opacity factor is not the one with tanh
-  QueryVec weight;            // min(exp(b_q), 1); 1 without weights
+  QueryVec exponent;          // 4 exp(b_q); 1 unless UBS_BETA_OPACITY is UBS_BETA_OPACITY_TANH
+  QueryVec weight;            // bt = min(exp(b_q), 1); 1 for variants without weights
 } SliceInput;
 
 // The intermediate results that the backward pass needs.
@@ -51,8 +53,8 @@ typedef struct {
   vreal yw[UBS_C][UBS_F];     // Y
 #endif
   QueryVec y, z;
-  QueryVec ln;                // floored ln(1 - tanh(y^2)), or -lambda y^2
-  QueryVec slope;             // d ln / d y, 0 where floored
+  QueryVec ln;                // ln(1 - tanh(y^2)), at least UBS_LN_EPS; or -lambda y^2
+  QueryVec slope;             // derivative of `ln` with respect to y; 0 where `ln` has its lower bound
 } Slice;
 
 typedef struct {
@@ -60,9 +62,10 @@ typedef struct {
   QueryVec x, exponent, weight;
 } SliceVjp;
 
-// Returns ln(1 - tanh u) = ln 2 - 2u - log1p(exp(-2u)) for u >= 0, which avoids the cancellation in 1 - tanh u. For
-// small u the term ln 2 cancels instead, which becomes visible with exponents above 1e4. Therefore, for u < 1/4, the
-// result is computed as -u - ln(cosh u), with the series of ln(cosh u) (error 5e-11 at 1/4).
+// Returns ln(1 - tanh u) for u >= 0. It is computed as ln 2 - 2u - log1p(exp(-2u)), which avoids the cancellation in
+// 1 - tanh u. For small u, ln 2 and log1p(exp(-2u)) nearly cancel, which has a visible effect if the exponent is above
+// 1e4. Therefore, for u < 1/4, the result is computed as -u - ln(cosh u), with the series of ln(cosh u), whose error is
+// 5e-11 at u = 1/4.
 UBS_FN Several log_one_minus_tanh(Several u, int count) {
   Several far;
   UBS_EACH(k, count) far.e[k] = V(-2.0) * u.e[k];
@@ -127,16 +130,16 @@ UBS_FN QueryVec query_solve_transposed(QueryMat lh, QueryVec rhs) {
   return rhs;
 }
 
-// Number of passes of Gram-Schmidt on the rows of B. In each pass a row is made orthogonal to all rows before it.
-// One pass is not enough if Lq << Lqx and C > 3, because then the rows are linearly dependent except for Lq. After the
-// first pass the remainder of a row is orthogonal to the others only up to rounding errors divided by Lq, and V and its
-// gradients multiply that error by Lq^-2. After the second pass the error is that of rounding alone. (In
-// docs/results/2026-11-20-stability-sweeps.md this extends the range of condition numbers of Sigma_q with errors within
-// 1e-3 from 1e4 to 1e7.)
+// Number of passes of Gram-Schmidt on the rows of B. In each pass a row is made orthogonal to all rows before it. One
+// pass is not enough if Lq << Lqx and C > 3, because then the rows would be linearly dependent without Lq. After the
+// first pass, the remainder of a row is orthogonal to the other rows only up to rounding errors divided by Lq, and V
+// and its gradients multiply this error by Lq^-2. After the second pass, only rounding errors remain. With two passes,
+// errors stay within 1e-3 for condition numbers of Sigma_q up to 1e7, with one pass only up to 1e4
+// (docs/results/2026-11-20-stability-sweeps.md).
 enum { kOrthogonalPasses = UBS_C > 3 ? 2 : 1 };
 
 // Factorises B = Lh [U, Q']. splat.h bounds the query scales from below, which also bounds the pivots. Only rows of
-// zeros have smaller pivots; the lower bound here merely keeps their results finite.
+// zeros have smaller pivots; for such rows, the lower bound UBS_PIVOT_ABSOLUTE keeps the results finite.
 UBS_FN Slice slice_factor(SliceInput in) {
   Slice s;
   UBS_UNROLL for (int i = 0; i < UBS_C; ++i) {
@@ -198,17 +201,20 @@ UBS_FN Conditional slice_result(SliceInput in, Slice s) {
   return out;
 }
 
-// v_k, v_K: gradients of offset and shrink; v_log: gradient of log_factor. With A = Lh^-T (.), each solve Lh a = rhs
-// gives v_rhs = A(v_a) and v_Lh -= v_rhs a^T. The factorisation B = Lh Q gives
-//   v_B = v_B(direct) + Lh^-T (F + F^T) Q,  F = tril(Lh^T v_Lh) with halved diagonal,
-// which is the Cholesky rule (2 v_Sq B with v_Sq = Lh^-T (F + F^T) Lh^-1 / 2).
+// Returns the gradients of the inputs of the slice. v_k, v_shrink and v_log are the gradients of offset, shrink and
+// log_factor. Each solution a of Lh a = rhs gives v_rhs = Lh^-T v_a and v_Lh -= v_rhs a^T. The factorisation B = Lh Q
+// gives
+//   v_B = v_B(direct) + Lh^-T (F + F^T) Q,
+// where v_B(direct) is the gradient from direct uses of B, and F is the lower triangle of Lh^T v_Lh with halved
+// diagonal. This is equivalent to the derivative of the Cholesky factorisation of Sq = B B^T: the second term is
+// 2 v_Sq B with v_Sq = Lh^-T (F + F^T) Lh^-1 / 2.
 UBS_FN SliceVjp slice_vjp(SliceInput in, Slice s, FrameVec v_k, FrameMat v_shrink, vreal v_log) {
   SliceVjp v;
   QueryMat v_lh;
   UBS_UNROLL for (int i = 0; i < UBS_C; ++i)
     UBS_UNROLL for (int j = 0; j < UBS_C; ++j) v_lh.e[i][j] = V(0.0);
 
-  // Opacity: log_factor = sum exponent_i ln_i(y_i). The gradient of the exponent also exists where ln is at its lower
+  // The opacity: log_factor = sum exponent_i ln_i(y_i). The gradient of the exponent is not zero where ln has its lower
   // bound.
   QueryVec v_y;
   UBS_UNROLL for (int i = 0; i < UBS_C; ++i) {
@@ -221,7 +227,7 @@ UBS_FN SliceVjp slice_vjp(SliceInput in, Slice s, FrameVec v_k, FrameMat v_shrin
     }
   }
 
-  // Mean: k = U^T z.
+  // The offset of the mean: k = U^T z.
   QueryVec v_z;
   UBS_UNROLL for (int i = 0; i < UBS_C; ++i) {
     v_z.e[i] = s.q[i][0] * v_k.e[0];
@@ -252,7 +258,7 @@ UBS_FN SliceVjp slice_vjp(SliceInput in, Slice s, FrameVec v_k, FrameMat v_shrin
   UBS_UNROLL for (int i = 0; i < UBS_C; ++i)
     UBS_UNROLL for (int k = UBS_F; k < 3 + UBS_C; ++k) v.b[i][k] = V(0.0);
 
-  // Covariance: K = I - U^T Y, column by column; U = Lh^-1 B_F.
+  // The covariance: K = I - U^T Y with U = Lh^-1 B_F. The columns are processed one by one.
   UBS_UNROLL for (int c = 0; c < UBS_F; ++c) {
     QueryVec v_u, v_yw;
     UBS_UNROLL for (int i = 0; i < UBS_C; ++i) {
@@ -269,7 +275,7 @@ UBS_FN SliceVjp slice_vjp(SliceInput in, Slice s, FrameVec v_k, FrameMat v_shrin
         v_u.e[i] += v_yw.e[i] * in.weight.e[i];
       }
       UBS_UNROLL for (int i = 0; i < UBS_C; ++i) {
-        v.b[i][c] = v_u.e[i];  // still to be multiplied by Lh^-T, below
+        v.b[i][c] = v_u.e[i];  // is multiplied by Lh^-T below
         UBS_UNROLL for (int j = 0; j <= i; ++j) v_lh.e[i][j] -= v_u.e[i] * s.q[j][c];
       }
     } else {
@@ -283,7 +289,7 @@ UBS_FN SliceVjp slice_vjp(SliceInput in, Slice s, FrameVec v_k, FrameMat v_shrin
     }
   }
 
-  // Factorisation.
+  // The factorisation B = Lh Q.
   QueryMat f;
   UBS_UNROLL for (int i = 0; i < UBS_C; ++i)
     UBS_UNROLL for (int j = 0; j <= i; ++j) {
@@ -310,17 +316,19 @@ UBS_FN SliceVjp slice_vjp(SliceInput in, Slice s, FrameVec v_k, FrameMat v_shrin
 }
 
 #if UBS_F == 3
-// Strongly coupled splats. If a query scale is only the fraction 1/t of its row and its weight is 1 or nearly 1, K has
-// eigenvalues of t^-2, but I - U^T Y has an absolute error of 1e-7.
-// With weights of 1, K is the leading block of I - B^+ B, the projection onto the null space of B. So K = W^T W, where
-// [W, Z] is an orthonormal basis of that null space, computed by Householder reflections of the rows of B. W has an
-// absolute error of 1e-7, and so have its small singular values t^-1. With the frame M W^T the splat can then be
-// treated like one without query dimensions.
-// Weights 1 - e add D = U^T Lh^-1 diag(e) B_F (`whiten`: U^T diag(e) U):
-//   K = W^T K' W,  K' = I + W^-T D W^-1 = I + G^T Lh^-1 diag(e) Lh G,  G = U W^-1,
-// so that M W^T is the frame and K' the shrinkage. Relative to the smallest eigenvalue, K' has an error of 1e-7 e t^3.
-// I - U^T Y has 1e-7 t^2 there, or 1e-7 / e if no weight is closer to 1. Therefore all these weights must be above
-// 1 - UBS_COUPLED_WEIGHT (splat_thin()), and the sum of |K'| must be below UBS_COUPLED_SHRINK.
+// A second way to compute K, for strongly coupled splats. If a query scale is only the fraction 1/t of its row and its
+// weight is 1 or nearly 1, K has eigenvalues of t^-2, but I - U^T Y has an absolute error of 1e-7.
+// If all weights are 1, K is the leading block of I - B^+ B, the projection onto the null space of B. So K = W^T W,
+// where [W, Z] is an orthonormal basis of this null space, computed by Householder reflections of the rows of B. W has
+// an absolute error of 1e-7, and so have its small singular values t^-1. With the frame M W^T, the splat can then be
+// treated like a splat without query dimensions.
+// If the weights are 1 - e, the matrix D = U^T Lh^-1 diag(e) B_F (`cov_mode whiten`: D = U^T diag(e) U) is added to K:
+//   K = W^T K' W,  K' = I + W^-T D W^-1 = I + G^T Lh^-1 diag(e) Lh G,  G = U W^-1.
+// Then M W^T is the frame, and K' takes the role of K.
+// The error of this computation, relative to the smallest eigenvalue of K, is 1e-7 e t^3. The relative error of
+// I - U^T Y is 1e-7 t^2, or 1e-7 / e if no weight is closer to 1 than 1 - e. Therefore this computation is only used if
+// the weights of all strongly coupled dimensions are above 1 - UBS_COUPLED_WEIGHT (splat_thin()), and if the sum of the
+// absolute entries of K' is below UBS_COUPLED_SHRINK.
 #define UBS_COUPLED_FACTOR
 
 typedef struct {
@@ -329,7 +337,8 @@ typedef struct {
 
 UBS_FN CoupledFactor coupled_factor(SliceInput in) {
   CoupledFactor out;
-  vreal v[UBS_C][3 + UBS_C], gain[UBS_C];  // reflection i: a - gain (v . a) v, where v is zero before entry i
+  // Reflection i maps a vector a to a - gain[i] (v[i] . a) v[i]. The entries of v[i] before entry i are zero.
+  vreal v[UBS_C][3 + UBS_C], gain[UBS_C];
   UBS_UNROLL for (int i = 0; i < UBS_C; ++i) {
     UBS_UNROLL for (int k = 0; k < 3 + UBS_C; ++k) v[i][k] = in.b[i][k];
     UBS_UNROLL for (int j = 0; j < i; ++j) {
@@ -366,10 +375,10 @@ UBS_FN FrameMap coupled_frame(FrameMap m, CoupledFactor k) {
   return out;
 }
 
-// The factorisation W = Q R, where R is upper triangular with these pivots.
+// The factorisation W = Q R. The columns of Q are orthonormal, and R is upper triangular.
 typedef struct {
   vreal q[3][3];
-  vreal r01, r02, r12, pivot[3];
+  vreal r01, r02, r12, pivot[3];  // the entries of R above the diagonal, and its diagonal
 } CoupledInverse;
 
 UBS_FN CoupledInverse coupled_inverse(CoupledFactor k) {
@@ -406,10 +415,11 @@ UBS_FN Vec3 coupled_row(CoupledInverse w, vreal a0, vreal a1, vreal a2) {
 
 typedef struct {
   vreal g[UBS_C][3];  // G
-  QueryMat pull;      // Lh^-1 diag(e) Lh, lower triangle; whiten: diag(e)
+  QueryMat pull;      // lower triangle of Lh^-1 diag(e) Lh; with `cov_mode whiten` diag(e)
   FrameMat shrink;    // K'
 } CoupledWeights;
 
+// Computes K' and the matrices from which it is built. `below` contains e, the differences between 1 and the weights.
 UBS_FN CoupledWeights coupled_weights(Slice s, CoupledFactor k, QueryVec below) {
   CoupledWeights out;
   CoupledInverse w = coupled_inverse(k);
@@ -438,12 +448,12 @@ UBS_FN CoupledWeights coupled_weights(Slice s, CoupledFactor k, QueryVec below) 
   return out;
 }
 
-// Gradient with respect to a shrinkage, as factors: v_K = h^T W h + m^T S m, with the frame m, h = t m, and the skew
-// matrix S with the entries 01, 02, 12. The factors are kept because in the entries of v_K the part of a short axis is
-// lost in rounding errors of the part of a long axis.
+// The gradient v_K with respect to K or K', stored as factors: v_K = h^T W h + m^T S m, where m is the frame, h = t m,
+// and S is a skew matrix. The factors are kept, because in the entries of v_K the part of a short axis would be lost in
+// the rounding errors of the part of a long axis.
 typedef struct {
   vreal h[2][3], t[2][3], w00, w01, w11;
-  vreal turn[3];
+  vreal turn[3];  // the entries S_01, S_02 and S_12
 } ShrinkVjp;
 
 // Returns S m for a column m.
@@ -462,9 +472,9 @@ typedef struct {
   QueryVec weight;            // the part that goes through K'
 } CoupledVjp;
 
-// Backward pass of coupled_frame() and coupled_weights(). v: gradient of the frame M W^T; v_k: gradient of K',
-// expressed in that frame; v_M = v W. With T = Lh^-1 dB [W, Z]^T, the skew part S of Lh^-1 dB Q^T and
-// E = Lh^-1 diag(e) Lh,
+// Returns the gradients of the inputs of coupled_frame() and coupled_weights(). v is the gradient of the frame M W^T,
+// and v_k the gradient of K', expressed in this frame. The gradient of M is v_M = v W. Let T = Lh^-1 dB [W, Z]^T,
+// E = Lh^-1 diag(e) Lh, and let S be the skew part of Lh^-1 dB Q^T. Then
 //   dW = -T^T U,  dG = S G + T + G T^T G,  K' = I + G^T E G.
 // With N = G v_K' G^T and v_G = E G v_K'^T + E^T G v_K' this gives
 //   v_T = v_G + G v_G^T G - U M^T v,  v_B = Lh^-T (v_T [W, Z] + (F + F^T + X) Q),  v_e = diag(Lh^-T N Lh^T).
@@ -492,7 +502,7 @@ UBS_FN CoupledVjp coupled_vjp(Slice s, FrameMap m, FrameMap frame, CoupledFactor
       n.e[i][j] = gh[i][0] * gw[j][0] + gh[i][1] * gw[j][1] + um[i][0] * turned.e[0] + um[i][1] * turned.e[1] +
                   um[i][2] * turned.e[2];
   }
-  // Diagonal of Lh^-T N Lh^T, one column of Lh^-T (N Lh^T) at a time.
+  // The diagonal of Lh^-T N Lh^T. Column i of Lh^-T (N Lh^T) gives its entry i.
   UBS_UNROLL for (int i = 0; i < UBS_C; ++i) {
     if (UBS_WHITEN) {
       out.weight.e[i] = -n.e[i][i];
@@ -508,7 +518,7 @@ UBS_FN CoupledVjp coupled_vjp(Slice s, FrameMap m, FrameMap frame, CoupledFactor
   QueryMat v_s, x;
   UBS_UNROLL for (int i = 0; i < UBS_C; ++i)
     UBS_UNROLL for (int j = 0; j < UBS_C; ++j) {
-      vreal across = V(0.0), along = V(0.0);  // entries of E^T N, E N^T
+      vreal across = V(0.0), along = V(0.0);  // entries of E^T N and of E N^T
       UBS_UNROLL for (int l = i; l < UBS_C; ++l) across += f.pull.e[l][i] * n.e[l][j];
       UBS_UNROLL for (int l = 0; l <= i; ++l) along += f.pull.e[i][l] * n.e[j][l];
       v_s.e[i][j] = across + along;
@@ -520,7 +530,7 @@ UBS_FN CoupledVjp coupled_vjp(Slice s, FrameMap m, FrameMap frame, CoupledFactor
     }
   UBS_UNROLL for (int i = 0; i < UBS_C; ++i)
     UBS_UNROLL for (int j = 0; j < i; ++j) x.e[j][i] = x.e[i][j] + v_s.e[j][i] - v_s.e[i][j];
-  // One column at a time: M^T v / 2, and the rows of G v_K' and G v_K'^T.
+  // The columns of M^T v / 2, G v_K' and G v_K'^T are computed one at a time.
   UBS_UNROLL for (int c = 0; c < 3; ++c) out.along.e[c] = V(0.0);
   UBS_UNROLL for (int c = 0; c < 3; ++c) {
     Vec3 half_v, turned = shrink_turn(v_k, frame.e[0][c], frame.e[1][c], frame.e[2][c]);

@@ -1,13 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
-// Rows of the factor L of a splat's covariance Sigma = L L^T (method.md 1.2, 2.1, 8). The spatial rows are called the
-// frame M (3 x UBS_F, Sigma_x = M M^T); the query rows are B (C x N).
-// - spatial_ortho: M = R diag(s_x), B = [Lqx, Lq]
-// - cholesky: the same, but M is lower triangular
+// Computes the rows of the factor L of a splat's covariance Sigma = L L^T (method.md 1.2, 2.1, 8). The spatial rows are
+// called the frame M. M has 3 x UBS_F entries, and Sigma_x = M M^T. The query rows are called B and have C x N entries.
+// The setting `cov_param` selects how L is computed from the parameters:
+// - spatial_ortho: M = R diag(s_x), where R is a rotation matrix, and B = [Lqx, Lq]
+// - cholesky: M is lower triangular, and B = [Lqx, Lq]
 // - skew_nd: [M; B] = (I + A) diag(s) with a skew N x N matrix A, so that M has N columns
-// With the first two, L is block lower triangular and the columns of M after the third are zero, so UBS_F = 3.
+// With spatial_ortho and cholesky, L is block lower triangular, and the columns of M after the third are zero, so
+// UBS_F = 3.
 #pragma once
 
-// Number of raw rotation entries that the frame reads, and the parameter row of entry m.
+// kFrameRots is the number of raw rotation parameters that the frame depends on. frame_row(m) returns the parameter row
+// of number m of them.
 #if UBS_COV_PARAM == UBS_COV_SKEW_ND
 #define UBS_F UBS_N
 enum { kFrameRots = 3 + 3 * UBS_C };
@@ -38,7 +41,7 @@ typedef struct {
 
 typedef struct {
   FrameMap rotation;  // M without its scales
-  FrameVec scale;     // > 0: support radii (standard deviations with a Gaussian kernel)
+  FrameVec scale;     // positive; radii of the support, or standard deviations for the Gaussian kernel
   FrameMap m;
 } SpatialFrame;
 
@@ -76,8 +79,8 @@ UBS_FN FrameVec floored_scales(FrameVec scale) {
   return scale;
 }
 
-// v: gradient of the result. The gradient of a raised scale is passed to the largest scale (to the first one if several
-// are equal).
+// Returns the gradient of the scales from v, the gradient of the result of floored_scales(). The gradient of a raised
+// scale is passed to the largest scale (to the first one if several are equal).
 UBS_FN FrameVec floored_scales_vjp(FrameVec scale, FrameVec v) {
   vreal most = largest_scale(scale), least = (vreal)(UBS_SCALE_LEAST) * most, passed = V(0.0);
   UBS_UNROLL for (int c = 0; c < 3; ++c) {
@@ -93,8 +96,8 @@ UBS_FN FrameVec floored_scales_vjp(FrameVec scale, FrameVec v) {
   return v;
 }
 
-// Returns the gradient of the raw scales. v: gradient of the scales of the frame; `raised`: whether these may have been
-// raised by floored_scales().
+// Returns the gradient of the raw scales from v, the gradient of the scales of the frame. `raised` says whether
+// floored_scales() may have raised some of these scales.
 UBS_FN FrameVec frame_scales_vjp(FrameRaw raw, FrameVec v, int raised) {
   if (raised) v = floored_scales_vjp(frame_scales(raw), v);
   UBS_UNROLL for (int c = 0; c < UBS_F; ++c) v.e[c] *= ubs_sigmoid(raw.scale[c]);
@@ -103,7 +106,8 @@ UBS_FN FrameVec frame_scales_vjp(FrameRaw raw, FrameVec v, int raised) {
 
 #if UBS_COV_PARAM == UBS_COV_CHOLESKY
 
-// M is the lower triangle itself: the scales are its diagonal, the raw values the entries below it.
+// Returns the lower triangular M. The scales are its diagonal, and the raw rotation parameters are the entries below
+// it.
 UBS_FN SpatialFrame scaled_frame(FrameRaw raw, FrameVec scale) {
   SpatialFrame f;
   f.scale = scale;
@@ -147,8 +151,9 @@ UBS_FN SpatialFrame scaled_frame(FrameRaw raw, FrameVec scale) {
   return f;
 }
 
-// M_rc = R_rc s_c, so v_s_c = sum_r v_M_rc R_rc and v_R_rc = v_M_rc s_c (method.md 3.4). `along` is s_c v_s_c, because
-// that sum would cancel for a long axis. v.scale is the gradient of the scales of the frame.
+// Returns the gradients of the raw rotation and of the scales. M_rc = R_rc s_c, so v_s_c = sum_r v_M_rc R_rc and
+// v_R_rc = v_M_rc s_c (method.md 3.4). The terms of the sum would nearly cancel for a long axis. Therefore the caller
+// passes the products s_c v_s_c as `along`. v.scale is the gradient of the scales of the frame, not of the raw scales.
 UBS_FN FrameRaw scaled_frame_vjp(SpatialFrame f, FrameRaw raw, FrameMap v_m, FrameVec along) {
   FrameRaw v;
   (void)raw;
@@ -158,8 +163,8 @@ UBS_FN FrameRaw scaled_frame_vjp(SpatialFrame f, FrameRaw raw, FrameMap v_m, Fra
       if (c >= 3) v.rotation[c < 3 ? 0 : 3 + 3 * (c - 3) + r] = v_m.e[r][c] * f.scale.e[c];
   }
 #if UBS_ROT_MODE == UBS_ROT_TAYLOR1
-  // A is skew, so each parameter collects the gradients of its two entries with opposite signs. Each is one expression,
-  // so that it compiles to a fused instruction.
+  // A is skew, so the gradient of each parameter is the difference of the gradients of two entries of A. Each
+  // difference is one expression, so that it compiles to a fused instruction.
   v.rotation[0] = v_m.e[0][1] * f.scale.e[1] - v_m.e[1][0] * f.scale.e[0];
   v.rotation[1] = v_m.e[0][2] * f.scale.e[2] - v_m.e[2][0] * f.scale.e[0];
   v.rotation[2] = v_m.e[1][2] * f.scale.e[2] - v_m.e[2][1] * f.scale.e[1];

@@ -1,22 +1,22 @@
 // SPDX-License-Identifier: Apache-2.0
-// Determines which 4x4 pixel blocks of a tile a splat reaches (lanes are splats). A splat reaches a block if
-// r < `reach` at a point of the rectangle that the block's pixel centres span. r is the squared distance to the mean,
-// and `reach` is the r at which the support ends, or at which alpha falls below its limit. The test is exact up to
-// UBS_CULL_MARGIN: it computes the smallest r over the rectangle.
-// d is the mean of the splat minus a point. Over a block, d runs over [c - 1.5, c + 1.5] in x and in y, where c is its
-// value at the centre of the block.
+// Determines which 4x4 pixel blocks of a tile a splat reaches. The lanes of a vector are splats. A splat reaches a
+// block if r < `reach` at a point of the rectangle that the block's pixel centres span. r is the squared distance to
+// the mean (math/blend.h), and `reach` is the r at which the support ends, or at which alpha falls below its limit. The
+// test computes the smallest r over the rectangle, so it is exact except for the margin UBS_CULL_MARGIN.
+// d is the mean of the splat minus a point. In a block, each coordinate of d has values from c - 1.5 to c + 1.5, where
+// c is its value at the centre of the block.
 #pragma once
 
-// r is compared with reach * (1 + margin). The margin covers the rounding of r here and in blend_alpha() (relative
-// error below 1e-4 for axes of 1000 : 1), and enlarges the radius by 0.5 %.
+// r is compared with reach * (1 + margin). The margin covers the rounding errors of r here and in blend_alpha(), which
+// are below 1e-4 of r if the axes of the ellipse have a ratio of 1000 : 1. It enlarges the radius by 0.5 %.
 #define UBS_CULL_MARGIN R(0.01)
 
-// The values of a splat that the test reads; lanes are splats.
+// CullSplat holds the values of a splat that the test reads. The lanes are splats.
 typedef struct {
   vreal x, y;           // mean relative to the tile's corner [px]
   vreal l00, l01, l11;  // factor of the conic
-  vreal lean_x;         // for a given d_y, r is smallest at d_x = lean_x d_y: -L01 / L00
-  vreal lean_y;         // for a given d_x, r is smallest at d_y = lean_y d_x: -L00 L01 / (L01^2 + L11^2)
+  vreal lean_x;         // -L01 / L00; for a given d_y, r is smallest at d_x = lean_x d_y
+  vreal lean_y;         // -L00 L01 / (L01^2 + L11^2); for a given d_x, r is smallest at d_y = lean_y d_x
   vreal reach;          // includes the margin
 } CullSplat;
 
@@ -33,15 +33,16 @@ UBS_FN CullSplat cull_splat(vreal x, vreal y, vreal l00, vreal l01, vreal l11, v
   return s;
 }
 
-// The part of the test that depends on one coordinate only: the interval of d, and the point of it that is closest to
-// 0.
+// CullSpan is the part of the test that depends on one coordinate only. It consists of the interval of d in the block,
+// and of the value in this interval that is closest to 0.
 typedef struct {
   vreal low, high, nearest;
 } CullSpan;
 
 UBS_FN vreal cull_clamp(vreal value, vreal low, vreal high) { return ubs_max(ubs_min(value, high), low); }
 
-// centre: centre of the block in this coordinate, relative to the tile's corner.
+// Returns the span of one coordinate. `mean` and `centre` are this coordinate of the splat's mean and of the block's
+// centre, relative to the tile's corner.
 UBS_FN CullSpan cull_span(vreal mean, real centre) {
   CullSpan s;
   vreal d = mean - centre;
@@ -51,9 +52,10 @@ UBS_FN CullSpan cull_span(vreal mean, real centre) {
   return s;
 }
 
-// Returns whether the splat reaches the block. r is convex. If the mean is inside the rectangle, the minimum of r is
-// there. Otherwise it is on one of the (at most two) edges that face the mean: at d_x = nearest or at d_y = nearest,
-// with the other coordinate free in its interval. Both candidates are points of the rectangle.
+// Returns whether the splat reaches the block. r is a convex function. If the mean is inside the rectangle, the minimum
+// of r is at the mean. Otherwise the minimum is on one of the edges that face the mean, of which there are at most two.
+// On one of them d_x = x.nearest, on the other one d_y = y.nearest. The function computes the minimum on each of these
+// two lines within the rectangle, and compares the smaller one with `reach`.
 UBS_FN vmask cull_meets(CullSplat s, CullSpan x, CullSpan y) {
   vreal dx = cull_clamp(s.lean_x * y.nearest, x.low, x.high);
   vreal p = s.l00 * dx + s.l01 * y.nearest;

@@ -1,9 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 // Slices a splat at a query with direct conditioning (method.md 9). The quantities that rendering needs are parameters
-// themselves, so that no matrix is inverted:
-//   y = L^T x,  z = L y  (Sigma_q^-1 = L L^T, L lower triangular with a positive diagonal)
-// The mean offset is s sum_i w_i z_i Theta_i, where s is the mean spatial scale; the functions here compute it without
-// s. The opacity is computed from this y as in method.md 2.4. The spatial covariance is the same as for N = 3.
+// themselves, so that no matrix is inverted. x is the query minus the mean, and L is a lower triangular matrix with a
+// positive diagonal and Sigma_q^-1 = L L^T:
+//   y = L^T x,  z = L y
+// The offset of the mean is s sum_i w_i z_i Theta_i, where s is the mean spatial scale, w_i is the weight of query
+// dimension i, and the vector Theta_i is a parameter. The functions here compute the offset without the factor s. The
+// opacity is computed from y as in method.md 2.4. The spatial covariance does not depend on the query.
 // Row i of SliceInput.b contains Theta_i, followed by row i of L.
 #pragma once
 
@@ -34,7 +36,7 @@ UBS_FN Conditional slice_result(SliceInput in, Slice s) {
   return out;
 }
 
-// v_k: gradient of the offset without the factor s.
+// Returns the gradients of the inputs of the slice. v_k is the gradient of the offset without the factor s.
 //   v_Theta_i = w_i z_i v_k,  v_w_i = z_i (Theta_i . v_k),  v_z_i = w_i (Theta_i . v_k)
 //   v_y = L^T v_z + gradient through the opacity,  v_x = L v_y,  v_L_ij = v_z_i y_j + x_i v_y_j
 UBS_FN SliceVjp slice_vjp(SliceInput in, Slice s, FrameVec v_k, FrameMat v_shrink, vreal v_log) {

@@ -1,20 +1,20 @@
 // SPDX-License-Identifier: Apache-2.0
-// Exponentials, logarithms, softplus and sigmoid of vreal, which are accurate even where the plain formulas would
-// cancel. For float vectors (UBS_VW > 1, on CPU devices) they are our own polynomials, because PoCL splits log, log2
-// and pow into scalar calls (17x slower with 16 lanes), and its exp is slower as well. Otherwise they are library
-// functions.
+// Exponentials, logarithms, softplus and sigmoid of vreal. They are accurate even where the plain formulas would suffer
+// from cancellation. For float vectors with several lanes, which are used on CPUs, the functions are polynomials
+// defined here. The reason is that PoCL splits log, log2 and pow into scalar calls, which is 17 times slower with 16
+// lanes, and that its exp is slower as well. In all other cases, the functions call those of the library.
 #pragma once
 
 #if defined(UBS_OPENCL) && !defined(UBS_REAL_DOUBLE) && UBS_VW > 1
 #define UBS_POLYNOMIAL_LOG 1
 #endif
 
-#ifndef UBS_MATH  // values as in MathMode: 0 exact, 1 native, 2 rough
+#ifndef UBS_MATH  // the math mode (MathMode in host/scene/math_mode.hpp): 0 exact, 1 native, 2 rough
 #define UBS_MATH 0
 #endif
 
-// Several independent values. Functions process the first `count` of them (a constant) together, step by step, so that
-// the instructions of one need not wait for those of another.
+// Several holds several independent values. Functions process the first `count` values together, step by step, so that
+// an instruction for one value need not wait for an instruction for another value. `count` is a constant.
 typedef struct {
   vreal e[12];
 } Several;
@@ -35,10 +35,10 @@ typedef struct {
 #define UBS_AS_VMASK UBS_PASTE(as_int, UBS_VW)
 #define UBS_AS_VREAL UBS_PASTE(as_float, UBS_VW)
 
-// log2(1+t)/t for t in [sqrt(1/2)-1, sqrt(2)-1]: a minimax polynomial with a relative error of 2.6e-8 (below half an
-// ulp).
-// It is evaluated in Estrin's order, as is ubs_exp2(): the longest chain has 4 products instead of 8, which makes the
-// backward rasteriser 13 % faster. The result has a relative error of 3.2e-7 instead of 2.7e-7 with Horner's scheme.
+// Returns log2(1+t)/t for t in [sqrt(1/2)-1, sqrt(2)-1], computed with a minimax polynomial. The polynomial itself has
+// a relative error of 2.6e-8, which is below half an ulp. Here and in ubs_exp2(), the polynomial is evaluated with
+// Estrin's scheme, so that the longest chain has 4 products. With Horner's scheme it would have 8, which makes the
+// backward rasteriser 13 % slower. With rounding, the relative error is 3.2e-7 (Horner's scheme: 2.7e-7).
 UBS_FN vreal ubs_log2_poly(vreal t) {
   vreal t2 = t * t;
 #if UBS_MATH == 1  // relative error 7.4e-6
@@ -61,7 +61,7 @@ UBS_FN vreal ubs_log2_poly(vreal t) {
 #endif
 }
 
-// Requires a normal x > 0. Splits x = 2^e m with m in [sqrt(1/2), sqrt(2)).
+// Returns log2(x). x must be a positive normal number. It is split into x = 2^e m with m in [sqrt(1/2), sqrt(2)).
 UBS_FN vreal ubs_log2(vreal x) {
   vmask bits = UBS_AS_VMASK(x);
   vmask e = (bits - 0x3f3504f3) >> 23;
@@ -69,8 +69,8 @@ UBS_FN vreal ubs_log2(vreal x) {
   return fma(ubs_log2_poly(t), t, UBS_TO_VREAL(e));
 }
 
-// log2(1 - r) for 0 <= r < 1. If the exponent e is 0, t is exactly -r, so that no digits of a small r are lost when
-// 1 - r is formed. (The error of the beta gradient is 116 times smaller than with log(1 - r).)
+// Returns log2(1 - r) for 0 <= r < 1. If the exponent e is 0, t is set to exactly -r, so that no digits of a small r
+// are lost by the subtraction 1 - r. This makes the error of the beta gradient 116 times smaller.
 UBS_FN vreal ubs_log2_1m(vreal r) {
   vreal x = V(1.0) - r;
   vmask bits = UBS_AS_VMASK(x);
@@ -79,9 +79,9 @@ UBS_FN vreal ubs_log2_1m(vreal r) {
   return fma(ubs_log2_poly(t), t, UBS_TO_VREAL(e));
 }
 
-// 2^y for -126 <= y < 127. Below -126 the result is 2^-126 > 0, so that there are no denormals and no zeros.
-// The polynomial has a relative error of 9.2e-8 on [-1/2, 1/2]. Adding 1.5 * 2^23 rounds y to an integer, which is then
-// in the low bits of the sum; the shift into the exponent removes the other bits.
+// Returns 2^y for -126 <= y < 127. If y is below -126, the result is 2^-126, so that there are no denormals and no
+// zeros. The polynomial has a relative error of 9.2e-8 on [-1/2, 1/2]. The addition of 1.5 * 2^23 rounds y to an
+// integer, which is then in the low bits of the sum. Shifting these bits into the exponent removes the other bits.
 UBS_FN vreal ubs_exp2(vreal y) {
   y = y < V(-126.0) ? V(-126.0) : y;
   vreal shifted = y + V(12582912.0);
@@ -110,13 +110,13 @@ UBS_FN vreal ubs_log(vreal x) { return ubs_log2(x) * UBS_LN2; }
 // about a hundred waiting instructions. Therefore each loop advances all values by one step before the next loop
 // starts.
 
-// log(1 + x) for 0 <= x <= 1. Kahan's correction restores the digits that are lost when 1 + x is formed. Relative error
-// 2.6e-7.
+// Returns log(1 + x) for 0 <= x <= 1, with a relative error of 2.6e-7. Kahan's correction restores the digits that are
+// lost by the addition 1 + x.
 UBS_FN Several log1p_several(Several x, int count) {
   Several t, log2;
   UBS_EACH(k, count) {
     vreal u = V(1.0) + x.e[k];
-    vmask halved = UBS_AS_VMASK(u) >= 0x3fb504f3;  // sqrt(2), as in ubs_log2
+    vmask halved = UBS_AS_VMASK(u) >= 0x3fb504f3;  // u >= sqrt(2)
     t.e[k] = (halved ? V(0.5) * u : u) - V(1.0);
     log2.e[k] = halved ? V(1.0) : V(0.0);
     x.e[k] = (x.e[k] - (u - V(1.0))) / u;
@@ -127,8 +127,9 @@ UBS_FN Several log1p_several(Several x, int count) {
   return log2;
 }
 
-// exp(x) for x <= 88.37, with a relative error of 8.2e-8: x = n ln 2 + r, with ln 2 split into two parts. The result is
-// 0 below -87.33, where denormals begin. A NaN that results from arithmetic gives NaN.
+// Returns exp(x) for x <= 88.37, with a relative error of 8.2e-8. x is split into n ln 2 + r, where ln 2 is the sum of
+// two floats. For x below -87.33, where denormals begin, the result is 0. If x is a NaN that results from arithmetic,
+// the result is NaN.
 UBS_FN Several exp_several(Several x, int count) {
   Several shifted, r, p;
   UBS_EACH(k, count) shifted.e[k] = fma(x.e[k], (vreal)(UBS_LOG2E), V(12582912.0));
@@ -158,14 +159,15 @@ UBS_FN vreal ubs_log1p(vreal x) {
   return log1p_several(one, 1).e[0];
 }
 
-// exp(x) for x that is known to be at most 88.37.
+// Returns exp(x). x must be at most 88.37.
 UBS_FN vreal exp_falling(vreal x) {
   Several one;
   one.e[0] = x;
   return exp_several(one, 1).e[0];
 }
 
-// Infinite from 88.37 on, which is 0.35 earlier than necessary; NaN for NaN.
+// Returns exp(x). For x above 88.37 the result is infinite, although exp(x) exceeds the range of floats only from 88.72
+// on. For NaN it is NaN.
 UBS_FN vreal ubs_exp(vreal x) { return x <= V(88.37) ? exp_falling(x) : x * (vreal)(INFINITY); }
 
 #elif defined(UBS_HOST)
@@ -182,9 +184,10 @@ UBS_FN vreal ubs_exp(vreal x) { return x <= V(88.37) ? exp_falling(x) : x * (vre
 #define ubs_exp2(y) exp2(y)
 #define ubs_reciprocal(x) (V(1.0) / (x))
 #else
-// Single floats: GPUs in OpenCL and CUDA. There the native functions are single instructions with errors of at most
-// 2^-22. The error is relative, except that it is absolute for log2 near 1; for reciprocals it is 2^-23 (PTX; on AMD 1
-// ulp). OpenCL leaves the accuracy to the device, and ubs checks the device before its first use. On CPUs the host
+// This part is for single floats, which are used on GPUs with OpenCL and CUDA. On GPUs the native functions are single
+// instructions. According to the specification of PTX, native_exp2 and native_log2 have relative errors of at most
+// 2^-22, except that the error of native_log2 near 1 is absolute. The error of native_recip is at most 2^-23, and 1 ulp
+// on AMD. OpenCL leaves the accuracy to the device, and ubs checks the device before its first use. On CPUs the host
 // replaces the native functions by exp2 and log2.
 #ifdef UBS_OPENCL
 #define ubs_exp(x) exp(x)
@@ -198,10 +201,10 @@ UBS_FN vreal ubs_exp(vreal x) { return x <= V(88.37) ? exp_falling(x) : x * (vre
 #if UBS_MATH
 #define ubs_log2_1m(r) native_log2(R(1.0) - (r))
 #else
-// log2(1 - r) for 0 <= r < 1. If the result is near 0, the error of native_log2 is a large part of it, and 1 - r has
-// lost the low bits of a small r. Therefore r < 1/4 uses a polynomial, minimax on [0, 1/4] with a relative error of
-// 1.5e-7. Overall the error is at most 7.5e-7, at r = 1/4. (log1pf has 1.3e-7 and takes 27 instructions; this takes
-// 10.)
+// Returns log2(1 - r) for 0 <= r < 1. For small r, native_log2 has two disadvantages: its absolute error is large
+// compared with the result, and the subtraction 1 - r loses the low bits of r. Therefore, for r < 1/4, the result is
+// computed with a minimax polynomial, which has a relative error of 1.5e-7. The largest relative error is 7.5e-7, at
+// r = 1/4. (log1pf has an error of 1.3e-7, but takes 27 instructions instead of 10.)
 UBS_FN vreal ubs_log2_1m(vreal r) {
   vreal p = ubs_fma(V(-0.49022483825683594), r, V(-0.20762518048286438));
   p = ubs_fma(p, r, V(-0.37192603945732117));
@@ -232,14 +235,14 @@ UBS_FN Several log1p_several(Several x, int count) {
 }
 #endif
 
-// 1 / (1 + exp(-x)), without overflow for any x.
+// Returns 1 / (1 + exp(-x)), without overflow for any x.
 UBS_FN vreal ubs_sigmoid(vreal x) {
   vreal e = exp_falling(-ubs_fabs(x));
   return (x < V(0.0) ? e : V(1.0)) / (V(1.0) + e);
 }
 
-// log(1 + exp(x)) = max(x, 0) + log1p(exp(-|x|)). Its derivative is the sigmoid. Above x = 20 the result equals x in
-// single precision; PyTorch defines it as x there.
+// Returns softplus(x) = log(1 + exp(x)), computed as max(x, 0) + log1p(exp(-|x|)). The derivative of softplus is the
+// sigmoid. For x above 20 the result is x in single precision, which is also the value that PyTorch returns.
 UBS_FN Several softplus_several(Several x, int count) {
   Several y;
   UBS_EACH(k, count) y.e[k] = -ubs_fabs(x.e[k]);

@@ -1,16 +1,19 @@
 // SPDX-License-Identifier: Apache-2.0
-// The support ellipse of a splat on the image (method.md 2.5, 3.2). Forward: its covariance, determinant and conic,
-// from the frame M and the shrinkage K (conditional.h). Backward: the gradients of M, of K and of the linearised
+// Functions for the support ellipse of a splat on the image (method.md 2.5, 3.2). The forward functions compute the
+// covariance, the determinant and the conic of the ellipse from the frame M of the splat and the matrix K that shrinks
+// its covariance (conditional.h). The backward functions compute the gradients of M, of K and of the linearised
 // projection.
 //
-// With the linearised projection T = J R_wc the ellipse is B = T V T^T + eps I with V = M K M^T (in mode `upper` with
-// mirrored upper triangle). A thin ellipse has det B = ac - b^2 << ac. V, B and their gradients then contain the short
-// axis as a difference of large numbers: in single precision, axes of 130 : 1 already lose 1e-3 of it. Therefore the
-// code forms no squares of the long axis that have to cancel:
-// - The frame is projected as a factor, A = T M. By Cauchy-Binet, det(A K_s A^T) = n^T adj(K_s) n with the minors
-//   n = a_0 x a_1 of A; for K = I this is a sum of squares.
-// - K = K_s + K_a is split into its symmetric and its skew part. K_a only has an effect in mode `upper`. There it adds
-//   a symmetric matrix E, the mirrored triangle of M K_a M^T on the image. For 2 x 2 matrices,
+// With the linearised projection T = J R_wc the ellipse is B = T V T^T + eps I with V = M K M^T. (With `cov_mode
+// upper`, the upper triangle of V is mirrored to the lower one.) For a thin ellipse, det B = ac - b^2 is far smaller
+// than ac. Then V, B and their gradients contain the short axis as a difference of large numbers. In single precision,
+// this already loses 1e-3 of the short axis if the axes have a ratio of 130 : 1. Therefore the code avoids differences
+// of squares of the long axis:
+// - The frame is projected as a factor, A = T M. By the formula of Cauchy and Binet, det(A K_s A^T) = n^T adj(K_s) n
+//   with the minors n = a_0 x a_1 of A. For K = I this is a sum of squares.
+// - K = K_s + K_a is split into its symmetric part K_s and its skew part K_a. K_a only has an effect with
+//   `cov_mode upper`. It adds a symmetric matrix E, which is the projection of the mirrored triangle of M K_a M^T. For
+//   2 x 2 matrices,
 //     det(S + E + eps I) = det S + (s_a e_c + s_c e_a - 2 s_b e_b) + det E + eps (tr(S + E) + eps).
 // - Gradients are passed in and out in the coordinates of the ellipse (EllipseVjp), in which the ellipse is the unit
 //   circle.
@@ -19,12 +22,12 @@
 #pragma once
 
 enum {
-  kShrinks = (UBS_C > 0) & !UBS_DIRECT,  // K is not the identity
-  // K has a skew part that has an effect: mode `upper` with weights that do not commute with the whitening.
+  kShrinks = (UBS_C > 0) & !UBS_DIRECT,  // 1 if K is not the identity
+  // 1 if K has a skew part that has an effect. This is the case with `cov_mode upper` if there are weights.
   kSkewed = (UBS_C > 1) & !UBS_DIRECT & !UBS_WHITEN,
 };
 
-// Symmetric 2 x 2 matrix.
+// A symmetric 2 x 2 matrix.
 typedef struct {
   vreal a, b, c;  // [[a, b], [b, c]]
 } Sym2;
@@ -40,12 +43,12 @@ typedef struct {
 
 typedef struct {
   Sym2 cov;          // B [px^2]
-  vreal det;         // of B
+  vreal det;         // determinant of B
   ImageFrame a;      // A = T M
-  vreal skew[3];     // with kSkewed: entries 01, 02, 12 of M K_a M^T
-  Sym2 mirrored;     // E, with kSkewed
-  // With UBS_ANTIALIAS: sqrt(det without eps2d / det). The opacity is multiplied by it, to compensate for what the blur
-  // adds.
+  vreal skew[3];     // entries 01, 02 and 12 of M K_a M^T; only with kSkewed
+  Sym2 mirrored;     // E; only with kSkewed
+  // Only with UBS_ANTIALIAS: the square root of the determinant without eps2d, divided by `det`. The opacity is
+  // multiplied by it, to compensate for the area that the blur adds.
   vreal compensation;
 } Ellipse;
 
@@ -77,9 +80,9 @@ UBS_FN Vec3 cross_rows(vreal a0, vreal a1, vreal a2, vreal b0, vreal b1, vreal b
   return out;
 }
 
-// Returns c a_0 - b a_1, which is c times row 0 minus its component along row 1. Entry j is the sum over k of kappa_k
-// (a_1k a_0j - a_0k a_1j), with kappa = K_s a_1 = row 1 of `ak`. Computed from minors, the result keeps the short axis,
-// which the plain difference would lose.
+// Returns c a_0 - b a_1, which is c times the part of row 0 of A that is orthogonal to row 1. Entry j is computed from
+// minors, as the sum over k of kappa_k (a_1k a_0j - a_0k a_1j), where kappa = K_s a_1 is row 1 of `ak`. This keeps the
+// short axis, which the plain difference would lose.
 UBS_FN FrameVec frame_rest(ImageFrame a, ImageFrame ak) {
   FrameVec out;
   UBS_UNROLL for (int j = 0; j < UBS_F; ++j) out.e[j] = V(0.0);
@@ -92,8 +95,9 @@ UBS_FN FrameVec frame_rest(ImageFrame a, ImageFrame ak) {
   return out;
 }
 
-// Returns det(A K_s A^T). A frame with more than three columns (skew_nd) has too many minors for Cauchy-Binet. For it
-// the determinant is c (d K_s d^T), where d is row 0 minus its component along row 1.
+// Returns det(A K_s A^T). For a frame with more than three columns (skew_nd), the formula of Cauchy and Binet would
+// have too many minors. For such a frame, the determinant is computed as c (d K_s d^T), where d is the part of row 0
+// that is orthogonal to row 1.
 UBS_FN vreal frame_determinant(ImageFrame a, ImageFrame ak, FrameMat k, Sym2 s) {
   Vec3 minors = cross_rows(a.e[0][0], a.e[0][1], a.e[0][2], a.e[1][0], a.e[1][1], a.e[1][2]);
   vreal n0 = minors.e[0], n1 = minors.e[1], n2 = minors.e[2];
@@ -107,7 +111,7 @@ UBS_FN vreal frame_determinant(ImageFrame a, ImageFrame ak, FrameMat k, Sym2 s) 
   vreal adj22 = k.e[0][0] * k.e[1][1] - k01 * k01;
   if (UBS_F == 3)
     return n0 * (adj00 * n0 + V(2.0) * (adj01 * n1 + adj02 * n2)) + n1 * (adj11 * n1 + V(2.0) * adj12 * n2) +
-           n2 * (n2 * adj22);  // with K = I each term is rounded as without query dimensions: bit-identical
+           n2 * (n2 * adj22);  // with K = I, this order gives bit-identical results to n0^2 + n1^2 + n2^2
   FrameVec rest = frame_rest(a, ak);
   vreal square = V(0.0), inv_c = V(1.0) / (s.c > V(0.0) ? s.c : V(1.0));
   UBS_UNROLL for (int j = 0; j < UBS_F; ++j) {
@@ -119,7 +123,7 @@ UBS_FN vreal frame_determinant(ImageFrame a, ImageFrame ak, FrameMat k, Sym2 s) 
   return s.c > V(0.0) ? s.c * square : s.a * s.c - s.b * s.b;
 }
 
-// Returns entry (r, c) of M K_a M^T, as a sum over pairs of columns of K_a times minors of M.
+// Returns entry (r, c) of M K_a M^T, computed as a sum over pairs of columns: an entry of K_a times a minor of M.
 UBS_FN vreal frame_skew(FrameMap m, FrameMat k, int r, int c) {
   vreal sum = V(0.0);
   UBS_UNROLL for (int i = 0; i < UBS_F; ++i)
@@ -128,7 +132,7 @@ UBS_FN vreal frame_skew(FrameMap m, FrameMat k, int r, int c) {
   return sum;
 }
 
-// Computes the ellipse on the image. t: the linearised projection T; the conditional covariance is V = M K M^T.
+// Computes the ellipse on the image. t is the linearised projection T, m the frame M, and k the matrix K.
 UBS_FN Ellipse ellipse_on_image(ImageMap t, FrameMap m, FrameMat k, real eps2d) {
   Ellipse out;
   ImageFrame a;
@@ -151,7 +155,7 @@ UBS_FN Ellipse ellipse_on_image(ImageMap t, FrameMap m, FrameMat k, real eps2d) 
     out.skew[0] = frame_skew(m, k, 0, 1);
     out.skew[1] = frame_skew(m, k, 0, 2);
     out.skew[2] = frame_skew(m, k, 1, 2);
-    // E = T Z T^T for the symmetric Z with zero diagonal and these entries.
+    // E = T Z T^T, where Z is the symmetric matrix with a zero diagonal and the entries out.skew.
     Sym2 e;
     e.a = V(2.0) * (t.e[0][1] * (out.skew[0] * t.e[0][0] + out.skew[2] * t.e[0][2]) +
                     out.skew[1] * t.e[0][0] * t.e[0][2]);
@@ -177,7 +181,7 @@ UBS_FN Ellipse ellipse_on_image(ImageMap t, FrameMap m, FrameMat k, real eps2d) 
   return out;
 }
 
-// Triangular factor of the conic Q = cov^-1: Q = [[l00^2, l00 l01], [., l01^2 + l11^2]].
+// The triangular factor L of the conic Q = cov^-1. Q = L^T L = [[l00^2, l00 l01], [l00 l01, l01^2 + l11^2]].
 typedef struct {
   vreal l00, l01, l11;
 } ConicFactor;
@@ -190,9 +194,10 @@ UBS_FN ConicFactor conic_factor(Sym2 cov, vreal det) {
   return f;
 }
 
-// Gradient of the ellipse in its own coordinates: dL = sum over all four entries of W (L dB L^T), with the symmetric W
-// and the factor L of the conic. So v_B = L^T W L and v_Q = -L^-1 W L^-T. The entries of W stay moderate even for very
-// thin ellipses, whereas in v_B and v_Q the short axis is lost in the rounding of the long one.
+// The gradient of the ellipse in its own coordinates. It is a symmetric matrix W. If B changes by dB, the loss changes
+// by the sum of the products of the entries of W and of L dB L^T, where L is the factor of the conic. So v_B = L^T W L
+// and v_Q = -L^-1 W L^-T. The entries of W stay moderate even for very thin ellipses, whereas in v_B and v_Q the short
+// axis is lost in the rounding errors of the long axis.
 typedef struct {
   vreal w00, w01, w11;
 } EllipseVjp;
@@ -200,12 +205,12 @@ typedef struct {
 typedef struct {
   ImageMap t;
   FrameMap m;
-  // sum over r of v_M_rc M_rc, the gradient with respect to a stretch of column c. For a long column it could not be
-  // derived from v_M, whose entries across the column are large and would cancel.
+  // Entry c is the sum over r of v_M_rc M_rc, which is the gradient with respect to a stretch of column c of M. It is
+  // computed separately, because for a long column the terms of this sum would nearly cancel.
   FrameVec along;
   FrameMat k;
 #ifdef UBS_COUPLED_FACTOR
-  ShrinkVjp shrink;  // v_K as factors
+  ShrinkVjp shrink;  // v_K, stored as factors
 #endif
 } EllipseInputVjp;
 
@@ -222,20 +227,23 @@ UBS_FN EllipseVjp compensation_vjp(EllipseVjp w, ConicFactor l, vreal compensati
   return w;
 }
 
-// w: gradient of the ellipse; v_compensation: gradient of the blur compensation (only read with UBS_ANTIALIAS).
+// Returns the gradients of T, M and K. w is the gradient of the ellipse. v_compensation is the gradient of the blur
+// compensation; it is only read with UBS_ANTIALIAS.
 UBS_FN EllipseInputVjp ellipse_vjp(ImageMap image, FrameMap m, FrameMat k, Ellipse f, EllipseVjp w, real eps2d,
                                    vreal v_compensation) {
   EllipseInputVjp out;
   ConicFactor l = conic_factor(f.cov, f.det);
   if (UBS_ANTIALIAS) w = compensation_vjp(w, l, f.compensation, eps2d, v_compensation);
   // H = L A is the frame in the coordinates of the ellipse: v_K = H^T W H, v_A = L^T G with G = 2 W H K_s.
-  // `lt` is L T, the same for the axes of the world: v_M = (L T)^T G, and v_T = L^T Y with Y = G M^T.
+  // `lt` is L T, the axes of the world in these coordinates: v_M = (L T)^T G, and v_T = L^T Y with Y = G M^T.
   ImageFrame wh;
   vreal h[2][UBS_F];
   ImageMap lt;
-  // Row 0 of L is l00 (1, -b/c), so the long axis would cancel in l00 a_0 + l01 a_1. With kappa = K_s a_1 and
-  // mu = M kappa, this sum is computed from
-  //   c a_0 - b a_1 = kappa x (a_0 x a_1) (or frame_rest()) + eps a_0 + e_c a_0 - e_b a_1; for T with mu x (t_0 x t_1).
+  // Row 0 of L is l00 (1, -b/c), so the terms of row 0 of H = L A, l00 a_0 + l01 a_1, would nearly cancel along the
+  // long axis. With kappa = K_s a_1, this row is l00 / c times
+  //   c a_0 - b a_1 = kappa x (a_0 x a_1) + eps a_0 + e_c a_0 - e_b a_1.
+  // If the frame has more than three columns, frame_rest() replaces the first term. Row 0 of L T is computed in the
+  // same way, with the first term mu x (t_0 x t_1), where mu = M kappa.
   ImageFrame ak = frame_shrink(f.a, k);
   Vec3 ray = cross_rows(image.e[0][0], image.e[0][1], image.e[0][2], image.e[1][0], image.e[1][1], image.e[1][2]);
   vreal mu[3];
@@ -300,9 +308,9 @@ UBS_FN EllipseInputVjp ellipse_vjp(ImageMap image, FrameMap m, FrameMat k, Ellip
     }
   }
   if (kSkewed) {
-    // E = sum_{i<j} z_ij (t_i t_j^T + t_j t_i^T), so v_z_ij = 2 (L t_i)^T W (L t_j), and v_T gets 2 v_B t_j z_ij for
-    // t_i.
-    // z contains the entries of M K_a M^T. With the skew matrix S = v_z / 2, v_M -= 2 S M K_a and v_K += M^T S M.
+    // z contains the entries of M K_a M^T, and t_i is column i of T. E = sum_{i<j} z_ij (t_i t_j^T + t_j t_i^T), so
+    // v_z_ij = 2 (L t_i)^T W (L t_j), and 2 v_B t_j z_ij is added to the gradient of t_i.
+    // With the skew matrix S = v_z / 2, v_M -= 2 S M K_a and v_K += M^T S M.
     vreal wt[2][3], s01, s02, s12;
     UBS_UNROLL for (int r = 0; r < 3; ++r) {
       wt[0][r] = w.w00 * t[0][r] + w.w01 * t[1][r];
@@ -313,7 +321,7 @@ UBS_FN EllipseInputVjp ellipse_vjp(ImageMap image, FrameMap m, FrameMat k, Ellip
       y[i][1] += f.skew[0] * wt[i][0] + f.skew[2] * wt[i][2];
       y[i][2] += f.skew[1] * wt[i][0] + f.skew[2] * wt[i][1];
     }
-    s01 = V(0.25) * (t[0][0] * wt[0][1] + t[1][0] * wt[1][1]);  // t is two times L T
+    s01 = V(0.25) * (t[0][0] * wt[0][1] + t[1][0] * wt[1][1]);  // the variable t contains 2 L T
     s02 = V(0.25) * (t[0][0] * wt[0][2] + t[1][0] * wt[1][2]);
     s12 = V(0.25) * (t[0][1] * wt[0][2] + t[1][1] * wt[1][2]);
 #ifdef UBS_COUPLED_FACTOR

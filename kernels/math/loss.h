@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The image loss at one pixel (method.md 4.1), for an image x and a target t. SSIM is expressed in u = x + t and
-// v = x - t. With the window means U, V and the window variances su, sv of these,
+// Computes the image loss at one pixel (method.md 4.1), for an image x and a target t. SSIM is expressed in u = x + t
+// and v = x - t. With the window means U, V and the window variances su, sv of u and v,
 //   (2 mx mt + C1) / (mx^2 + mt^2 + C1) = 1 - V^2 / Cc,   Cc = (U^2 + V^2) / 2 + C1
 //   (2 cov + C2) / (var x + var t + C2) = 1 - sv / Dd,    Dd = (su + sv) / 2 + C2
 // So four window sums are enough instead of five, 1 - SSIM is computed without cancellation, and the large factor
@@ -13,7 +13,8 @@ enum {
   kSsimRadius = 5,
   kSsimTaps = 2 * kSsimRadius + 1,
 };
-// exp(-k^2 / 4.5), divided by the sum of all taps. The window is the product of two such rows.
+// The taps exp(-k^2 / 4.5), divided by their sum. The weight of a pixel in the window is the product of the tap for its
+// column and the tap for its row.
 #define UBS_SSIM_WEIGHTS                                                                                \
   {                                                                                                     \
     R(0.00102838008447911), R(0.00759875813523919), R(0.03600077212843083), R(0.10936068950970002),     \
@@ -21,21 +22,22 @@ enum {
         R(0.03600077212843083), R(0.00759875813523919), R(0.00102838008447911)                          \
   }
 
-// Window means of u, v, u^2 and v^2, where u is taken relative to 2 * shift. Any shift gives the same variance; a shift
-// near the values avoids cancellation.
+// The means of u, v, u^2 and v^2 over a window, where 2 * shift has been subtracted from u. The variance does not
+// depend on the shift; a shift near the values of the pixels avoids cancellation.
 typedef struct {
   vreal u, v, uu, vv;
 } SsimMeans;
 
-// The dissimilarity 1 - SSIM of a window, and the values that the gradient needs from it. With K the blur by the
-// window,
+// The dissimilarity 1 - SSIM of a window, and the values of the window from which the gradient is computed. If K
+// denotes the blur with the window,
 //   d SSIM / d x_j = (K mean)_j + 2 u_j (K square_u)_j + 2 v_j (K square_v)_j.
 typedef struct {
   vreal dissimilarity;
   vreal mean, square_u, square_v;
 } SsimPoint;
 
-// In exact arithmetic Dd is never below C2. The clamp below ensures that rounding cannot make it smaller.
+// Computes SsimPoint from the means of a window. In exact arithmetic Dd is never below C2. The variable d is clamped,
+// so that rounding cannot make it smaller.
 UBS_FN SsimPoint ssim_point(SsimMeans m, real shift) {
   SsimPoint p;
   vreal var_v = m.vv - m.v * m.v;
@@ -58,9 +60,9 @@ UBS_FN SsimPoint ssim_point(SsimMeans m, real shift) {
   return p;
 }
 
-// The quantities that are summed over the pixels: the terms of the loss, and the squared difference, which is only
-// measured. To add a term, append its quantity: the stage ImageLoss reports its mean as the sixth number. There is room
-// for four quantities (LOSS_TILE_SUMS).
+// The quantities that are summed over the pixels: the terms of the loss, and the squared difference, which is reported
+// but not part of the loss. To add a term to the loss, append its quantity. Then the stage ImageLoss writes the mean of
+// the quantity to element 5 of its sums. There may be at most four quantities (LOSS_TILE_SUMS).
 enum { kLossL1, kLossDissimilarity, kLossSquare, kLossQuantities };
 typedef struct {
   vreal of[kLossQuantities];
@@ -74,8 +76,8 @@ UBS_FN LossQuantities loss_quantities(vreal v, SsimPoint point) {
   return q;
 }
 
-// Returns d loss / d x from the blurred maps of ssim_point(). The weights are those of one value. The slope of |v| at 0
-// is taken as 0.
+// Returns the derivative of the loss with respect to x, from the blurred maps of ssim_point(). The weights are already
+// divided by the number of values. The slope of |v| at 0 is defined as 0.
 UBS_FN vreal image_loss_vjp(LossWeights k, vreal u, vreal v, vreal mean, vreal square_u, vreal square_v) {
   vreal sign = v > V(0.0) ? V(1.0) : (v < V(0.0) ? V(-1.0) : V(0.0));
   return k.l1 * sign - k.dssim * (mean + R(2.0) * (u * square_u + v * square_v));

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Relocation, growth and noise of one splat (method.md 4.3). Requires covariance.h.
+// Formulas for relocation, growth and noise of one splat (method.md 4.3). Requires covariance.h.
 #pragma once
 
 #if defined(UBS_OPENCL)
@@ -24,16 +24,16 @@ UBS_FN vreal sampling_weight(vreal raw_opacity) {
   return opacity > V(0.0) ? ubs_floor(opacity * R(16777216.0) + V(0.5)) : V(0.0);
 }
 
-// Returns the weight of a splat that may be sampled only if it is alive, and 0 for a dead one (NaN counts as dead). The
-// result is unambiguous, because the smallest opacity of a live splat has the weight 83887.
+// Returns the weight of a splat for sampling if it is alive, and 0 if it is dead. A splat whose opacity is NaN counts
+// as dead. The weight 0 always means a dead splat, because the weight of a live splat is at least 83886.
 UBS_FN vreal sampling_weight_alive(vreal raw_opacity) {
   return ubs_sigmoid(raw_opacity) > (vreal)(UBS_OPACITY_DEAD) ? sampling_weight(raw_opacity) : V(0.0);
 }
 
-// Returns the new raw opacity of a source and of its copies. Together these `parts` = copies + 1 splats absorb as much
-// as the source did: (1 - o')^parts = 1 - o. Since -ln(1 - o) = softplus(raw), this means
-// softplus(raw') = q = softplus(raw) / parts. Its inverse ln(e^q - 1) = q + ln(1 - e^-q) is accurate for small and for
-// large q. NaN gives the lower bound.
+// Returns the new raw opacity of a source and of its copies. `parts` is the number of copies plus 1. Together, these
+// splats absorb as much as the source did before: (1 - o')^parts = 1 - o. Since -ln(1 - o) = softplus(raw), this means
+// softplus(raw') = q with q = softplus(raw) / parts. So raw' = ln(e^q - 1), which is computed as q + ln(1 - e^-q),
+// because this is accurate for small and for large q. For NaN the result is the lower bound.
 UBS_FN vreal split_raw_opacity(vreal raw_opacity, vreal parts) {
   vreal q = ubs_softplus(raw_opacity) / parts;
   vreal raw = q + ubs_log(-ubs_expm1(-q));
@@ -52,7 +52,7 @@ UBS_FN vreal noise_gate(vreal raw_opacity) {
   return p32 * p32 * p32 * p4;
 }
 
-// Returns Sigma_x (normals * gate * amount) with Sigma_x = M M^T, or zero if the result is not finite.
+// Returns the product of Sigma_x = M M^T and normals * noise_gate() * amount, or zero if it is not finite.
 UBS_FN Vec3 noise_displacement(SpatialFrame frame, vreal raw_opacity, Vec3 normals, real amount) {
   FrameVec turned;
   Vec3 out;

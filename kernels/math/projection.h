@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Projects a splat at its query from the world through the camera to the image (method.md 2.5, 3.2). Forward: the mean
-// and the support ellipse on the image plane. Backward: the gradients of the mean, of the frame M and of the shrinkage
-// K (ellipse.h).
+// Projects a sliced splat from the world to the image of a camera (method.md 2.5, 3.2). The forward function computes
+// the mean and the support ellipse on the image plane. The backward function computes the gradients of the mean, of the
+// frame M, and of the matrix K that shrinks the covariance (ellipse.h).
 #pragma once
 
 // The camera of a view. It is the same for all splats of the view.
@@ -15,24 +15,26 @@ typedef struct {
 
 typedef struct {
   Vec3 p;               // conditional mean in the camera frame
-  vreal x, y;           // its image [px]
-  vmask clamped_x, clamped_y;  // the mean is outside the frustum, and the linearisation is clamped to its limit
-  ImageMap j;           // T = J R_wc, from the world to the image plane
+  vreal x, y;           // the mean on the image [px]
+  // True if the mean is too far outside the frustum (UBS_FRUSTUM_MARGIN), so that the slope in the linearisation is
+  // clamped to the limit.
+  vmask clamped_x, clamped_y;
+  ImageMap j;           // T = J R_wc, the linearised projection from the world to the image plane
   Ellipse ellipse;
   vmask valid;
 } Projected;
 
-// Projects one splat. r: conditional mean minus camera centre (world axes); m, k: V = M K M^T is the conditional
-// covariance.
+// Projects one splat. r is the conditional mean minus the camera centre, in the axes of the world. m and k are the
+// matrices M and K of the conditional covariance V = M K M^T.
 UBS_FN Projected project(CameraView cam, Vec3 r, FrameMap m, FrameMat k) {
   Projected out;
   UBS_UNROLL for (int i = 0; i < 3; ++i)
     out.p.e[i] = cam.rotation[i][0] * r.e[0] + cam.rotation[i][1] * r.e[1] + cam.rotation[i][2] * r.e[2];
   vmask in_range = (out.p.e[2] >= (vreal)(cam.near_plane)) & (out.p.e[2] <= (vreal)(cam.far_plane));
   vreal z = in_range ? out.p.e[2] : V(1.0);  // keeps culled lanes finite
-  // OpenCL allows an error of 2.5 ulp in a division. In 1/z, 3 ulp move a splat by 3e-3 pixels in an image that is 8000
-  // pixels wide. One Newton step removes this error. Where divisions round correctly it changes no bit; all 2^23
-  // mantissas were tried.
+  // OpenCL allows an error of 2.5 ulp in a division. An error of 3 ulp in 1/z moves a splat by 3e-3 pixels in an image
+  // that is 8000 pixels wide. One Newton step removes this error. If divisions round correctly, the step does not
+  // change the result; this was tested with all 2^23 mantissas.
   vreal inv_z = V(1.0) / z;
   inv_z = ubs_fma(inv_z, ubs_fma(-z, inv_z, V(1.0)), inv_z);
   vreal slope_x = out.p.e[0] * inv_z;
@@ -60,20 +62,20 @@ UBS_FN Projected project(CameraView cam, Vec3 r, FrameMap m, FrameMat k) {
   }
   out.ellipse = ellipse_on_image(out.j, m, k, cam.eps2d);
   Sym2 cov = out.ellipse.cov;
-  // det = det(T V T^T) + eps (trace(T V T^T) + eps). It is smaller than the second term if V is indefinite.
+  // det = det(T V T^T) + eps (trace(T V T^T) + eps). If V is indefinite, the first term is negative. See UBS_DEFINITE.
   vreal least = (vreal)(UBS_DEFINITE * cam.eps2d) * (cov.a + (cov.c - cam.eps2d));
   out.valid = in_range & (out.ellipse.det > least) & (out.ellipse.det > V(0.0)) & (cov.a > V(0.0)) & (cov.c > V(0.0)) &
               ubs_finite(out.ellipse.det) & ubs_finite(out.x) & ubs_finite(out.y);
   return out;
 }
 
-// Gradient of the camera (rows kCameraGrad* of kernels/layout.h), with UBS_CAMERA_GRAD.
+// The gradient of the camera (rows kCameraGrad* of kernels/layout.h). Only used with UBS_CAMERA_GRAD.
 typedef struct {
   vreal e[kCameraGrads];
 } CameraVjp;
 
 typedef struct {
-  Vec3 r;  // world axes
+  Vec3 r;  // gradient of the mean in the axes of the world
   FrameMap m;
   FrameVec along;  // see EllipseInputVjp
   FrameMat k;
@@ -81,17 +83,18 @@ typedef struct {
   ShrinkVjp shrink;
 #endif
 #ifdef UBS_CAMERA_GRAD
-  CameraVjp camera;  // without the part that goes through the query
+  CameraVjp camera;  // without the gradient through the query
 #endif
 } ProjectVjp;
 
 #ifdef UBS_CAMERA_GRAD
-// v_p: gradient of the mean in the camera frame; v_t: gradient of the linearised projection T = J R_wc.
+// Returns the gradient of the camera. v_p is the gradient of the mean in the camera frame, and v_t the gradient of the
+// linearised projection T = J R_wc.
 // A rotation w of the camera about its centre, R -> (I + [w]) R, moves p by w x p and T by J [w] R. So v_w is p x v_p
 // plus the skew part (B_21 - B_12, B_02 - B_20, B_10 - B_01) of B = J^T (v_T R^T). A translation u of the camera frame
 // moves p by u.
-// Row 0 of T is (fx / Z)(R_0 - s R_2) with s = X/Z. If the slope is clamped at a limit of the frustum, it is instead
-// s = (a - cx) / fx + b / fx, so that ds/dcx = -1/fx and ds/dfx = -s/fx.
+// Row 0 of T is (fx / Z)(R_0 - s R_2) with the slope s = X/Z. If the slope is clamped to its limit, it has the form
+// s = (a - cx) / fx + b / fx with constants a and b, so that ds/dcx = -1/fx and ds/dfx = -s/fx.
 UBS_FN CameraVjp project_camera_vjp(CameraView cam, Projected f, Vec3 v_p, ImageMap v_t, vreal v_x, vreal v_y) {
   CameraVjp out;
   UBS_UNROLL for (int i = 0; i < kCameraGrads; ++i) out.e[i] = V(0.0);
@@ -119,7 +122,7 @@ UBS_FN CameraVjp project_camera_vjp(CameraView cam, Projected f, Vec3 v_p, Image
   out.e[kCameraGradTurn + 2] = f.p.e[0] * v_p.e[1] - f.p.e[1] * v_p.e[0] + (b[1][0] - b[0][1]);
   UBS_UNROLL for (int c = 0; c < 3; ++c) out.e[kCameraGradShift + c] = v_p.e[c];
   UBS_UNROLL for (int i = 0; i < 2; ++i) {
-    vreal v_limit = clamped[i] ? -b[i][2] / focal[i] : V(0.0);  // v_s / f
+    vreal v_limit = clamped[i] ? -b[i][2] / focal[i] : V(0.0);  // gradient of the slope s, divided by the focal length
     out.e[kCameraGradFocal + i] = v[i] * mean[i] + inv_z * (a[i][i] - slope[i] * a[i][2]) - v_limit * slope[i];
     out.e[kCameraGradPrincipal + i] = v[i] - v_limit;
   }
@@ -127,8 +130,9 @@ UBS_FN CameraVjp project_camera_vjp(CameraView cam, Projected f, Vec3 v_p, Image
 }
 #endif
 
-// v_x, v_y: gradient of the mean in the image; w: gradient of the ellipse; v_compensation: gradient of the blur
-// compensation (only read with UBS_ANTIALIAS); v_depth: gradient of the depth (only read with UBS_DEPTH_GRAD).
+// Returns the gradients of the inputs of project(). v_x and v_y are the gradient of the mean on the image, and w is the
+// gradient of the ellipse. v_compensation is the gradient of the blur compensation; it is only read with UBS_ANTIALIAS.
+// v_depth is the gradient of the depth; it is only read with UBS_DEPTH_GRAD.
 UBS_FN ProjectVjp project_vjp(CameraView cam, FrameMap m, FrameMat k, Projected f, vreal v_x, vreal v_y, EllipseVjp w,
                               vreal v_compensation, vreal v_depth) {
   ProjectVjp out;
@@ -139,10 +143,11 @@ UBS_FN ProjectVjp project_vjp(CameraView cam, FrameMap m, FrameMat k, Projected 
 #ifdef UBS_COUPLED_FACTOR
   out.shrink = e.shrink;
 #endif
-  // J = f/Z [[1, 0, -X/Z], [0, 1, -Y/Z]]: X and Y change only the third column, and only inside the frustum. Moving the
-  // splat away from the camera, p -> (1 + e) p, keeps the position of its image and shrinks the ellipse as
-  // M -> M / (1 + e) would do. This holds whether or not the slopes are clamped, so that p . v_p = -<v_M, M>. The
-  // equation replaces three terms of v_Z that cancel each other for large splats.
+  // J = f/Z [[1, 0, -X/Z], [0, 1, -Y/Z]], so X and Y affect only the third column, and only if the slopes are not
+  // clamped. If the splat moves away from the camera, p -> (1 + e) p, the mean stays at the same place of the image,
+  // and the ellipse shrinks as with M -> M / (1 + e). This is true whether or not the slopes are clamped. Therefore
+  // p . v_p = -<v_M, M>. v_Z is computed from this equation instead of the sum of three terms, which nearly cancel for
+  // large splats.
   vreal v_j02 = V(0.0), v_j12 = V(0.0), along = V(0.0);
   UBS_UNROLL for (int c = 0; c < 3; ++c) {
     v_j02 += e.t.e[0][c] * cam.rotation[2][c];

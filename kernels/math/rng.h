@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The random generator Philox4x32-10 (Salmon, Moraes, Dror, Shaw, "Parallel random numbers: as easy as 1, 2, 3", SC
-// 2011). Its random words are a pure function of (seed, iteration, purpose, index). It has no state, so that any number
-// of threads and any device produce the same random numbers. Lanes are independent indices.
+// The random number generator Philox4x32-10 (Salmon, Moraes, Dror, Shaw, "Parallel random numbers: as easy as 1, 2, 3",
+// SC 2011). Its random words are a pure function of (seed, iteration, purpose, index). It has no state, so that any
+// number of threads and any device produce the same random numbers. The lanes of a vector have different indices.
 #pragma once
 
 #if defined(UBS_OPENCL)
@@ -33,7 +33,7 @@ UBS_FN RandomWords philox4x32_10(RandomWords c, unsigned int key0, unsigned int 
   return c;
 }
 
-// Returns four random words. seed and iteration are passed as two words each, low word first.
+// Returns four random words. `seed` and `iteration` are passed as two words each, the low word first.
 UBS_FN RandomWords random_words(unsigned int seed0, unsigned int seed1, unsigned int iteration0,
                                 unsigned int iteration1, unsigned int purpose, vuint index) {
   RandomWords counter;
@@ -44,7 +44,8 @@ UBS_FN RandomWords random_words(unsigned int seed0, unsigned int seed1, unsigned
   return philox4x32_10(counter, seed0, seed1);
 }
 
-// Returns a number in (0, 1). In single precision the largest words round to 1, which random_normals() allows.
+// Returns a number between 0 and 1. It is never 0. In single precision, the largest words give 1, which is allowed in
+// random_normals().
 UBS_FN vreal random_uniform(vuint word) {
   return (UBS_TO_VREAL(word) + V(0.5)) * R(2.3283064365386962890625e-10);  // 2^-32
 }

@@ -1,9 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-// The spatial "rotation" R from its raw parameters, and its gradient (method.md 2.1, 3.4). Except for quaternions, R is
-// a function of a skew matrix A with the axis omega; t = |omega|^2:
-//   R = I + f(t) A + g(t) A^2,   taylor1: f = 1, g = 0;  taylor2: f = 1, g = 1/2;
-//   cayley: f = g = 2 / (1 + t);  exp: f = sin(sqrt t)/sqrt t, g = (1 - cos(sqrt t))/t (Rodrigues).
-// Only cayley, exp and quaternion are orthogonal; taylor1 has det R = 1 + t.
+// Computes the spatial "rotation" R from its raw parameters, and the gradient of the parameters (method.md 2.1, 3.4).
+// UBS_ROT_MODE selects one of five representations. R is computed from a quaternion, or from a skew matrix A with the
+// axis omega. In the second case, R = I + f(t) A + g(t) A^2 with t = |omega|^2, and the functions f and g are
+//   taylor1:  f = 1, g = 0
+//   taylor2:  f = 1, g = 1/2
+//   cayley:   f = g = 2 / (1 + t)
+//   exp:      f = sin(sqrt t)/sqrt t, g = (1 - cos(sqrt t))/t (formula of Rodrigues).
+// R is orthogonal only with cayley, exp and quaternions. With taylor1, det R = 1 + t.
 #pragma once
 
 typedef struct {
@@ -14,7 +17,8 @@ typedef struct {
   vreal e[3][3];
 } Mat3;
 
-// Raw parameters: a0, a1, a2 (with positive sign in the upper triangle of A), or a quaternion w, x, y, z of any length.
+// The raw parameters are a0, a1 and a2, which are the entries of the upper triangle of A, or a quaternion w, x, y, z of
+// any length.
 #if UBS_ROT_MODE == UBS_ROT_QUATERNION
 enum { kRotationParams = 4 };
 #else
@@ -27,7 +31,8 @@ typedef struct {
 
 #if UBS_ROT_MODE == UBS_ROT_QUATERNION
 
-// A quaternion shorter than this is no longer normalised; its R then tends to I.
+// A quaternion that is shorter than this is divided by this length instead of its own. For shorter and shorter
+// quaternions, R then tends to I.
 #define UBS_QUATERNION_MIN R(1e-12)
 
 UBS_FN vreal quaternion_length(RotationRaw raw) {
@@ -100,7 +105,7 @@ UBS_FN Mat3 rotation_matrix(RotationRaw raw) {
 
 #else
 
-// f, g and their derivatives with respect to t.
+// The functions f and g, and their derivatives with respect to t.
 typedef struct {
   vreal f, g, df, dg;
 } RotationFactors;
@@ -122,8 +127,9 @@ UBS_FN RotationFactors rotation_factors(vreal t) {
     k.dg = k.df;
     return k;
   }
-  // Below t = 1 the closed forms lose digits by cancellation (the derivatives in proportion to 1/t). There the series
-  // sum (-t)^k / (2k+1)! and sum (-t)^k / (2k+2)! are used, which are exact to double precision with nine terms.
+  // For t below 1 the closed formulas lose digits by cancellation, and the derivatives lose more of them the smaller t
+  // is. Therefore the series f = sum (-t)^k / (2k+1)! and g = sum (-t)^k / (2k+2)! are used for t < 1. With nine terms
+  // they have the accuracy of double precision.
   const real odd[9] = {R(1.0),
                        R(0.16666666666666666667),
                        R(0.0083333333333333333333),
@@ -178,7 +184,8 @@ UBS_FN Mat3 rotation_matrix(RotationRaw raw) {
   return r;
 }
 
-// v_A = f v + g (v A^T + A^T v), v_t = f' <v, A> + g' <v, A^2>, where t is the sum of the squares of the parameters.
+// Returns the gradient of the raw parameters from v, the gradient of R. The gradients of A and t are
+// v_A = f v + g (v A^T + A^T v) and v_t = f' <v, A> + g' <v, A^2>. t is the sum of the squares of the parameters.
 UBS_FN RotationRaw rotation_vjp(RotationRaw raw, Mat3 v) {
   Mat3 a = skew_matrix(raw), v_a;
   RotationFactors k = rotation_factors(skew_square(raw));

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The complete path of one splat in one view: from raw parameters to the values that the rasteriser needs, and the
-// gradients back. It combines covariance.h, conditional.h (or direct.h), projection.h and colour.h. UBS_N
+// All computations for one splat in one view. splat_image() computes the values that the rasteriser needs from the raw
+// parameters, and splat_vjp() computes the gradient of the raw parameters from the gradient of these values. They
+// combine the functions of covariance.h, conditional.h (or direct.h), projection.h and colour.h. UBS_N
 // (kernels/layout.h) sets the number of dimensions N, and the macros of kernels/variant.h select the variant of the
 // method.
 #pragma once
@@ -10,13 +11,13 @@ typedef struct {
 } SplatRaw;
 
 typedef struct {
-  vreal x, y, depth;     // [px], [px], world units
+  vreal x, y, depth;     // mean on the image [px]; depth in world units
   ConicFactor conic;
   vreal opacity, beta;   // conditioned opacity; exponent of the spatial kernel
   vreal r, g, b;
   vreal reach;           // r at which the footprint ends
   vreal hx, hy;          // half extents of the footprint [px], with the rounding margin
-  vmask valid;           // visible, provided that its footprint meets the image
+  vmask valid;           // true if the splat is visible, provided that its footprint meets the image
 } SplatImage;
 
 typedef struct {
@@ -26,14 +27,14 @@ typedef struct {
   ShBasis basis;
 } SplatColour;
 
-// The view ray from the camera to a splat.
+// Sight is the view ray from the camera to a splat.
 typedef struct {
-  Vec3 to_splat;   // mu_x - camera centre
-  vreal rho;       // its length, at least UBS_RHO_MIN
+  Vec3 to_splat;   // mean mu_x of the splat minus the camera centre
+  vreal rho;       // length of to_splat, at least UBS_RHO_MIN
   Vec3 direction;
 } Sight;
 
-// Intermediate values that forward and backward share.
+// SplatState holds the intermediate values that the forward pass and the backward pass need.
 typedef struct {
   FrameRaw frame_raw;
   SpatialFrame frame;
@@ -43,14 +44,16 @@ typedef struct {
   Slice slice;
 #endif
   Conditional conditional;
-  FrameMap m;      // V = m shrink m^T: the frame and K; for a strongly coupled splat M W^T and K'
+  // The conditional covariance is V = m shrink m^T. m and shrink are M and K, or M W^T and K' for a strongly coupled
+  // splat (conditional.h).
+  FrameMap m;
   FrameMat shrink;
 #ifdef UBS_COUPLED_FACTOR
-  vmask coupled;   // ThinSplats.coupled, and K' within UBS_COUPLED_SHRINK
+  vmask coupled;   // ThinSplats.coupled, and the sum of |K'| is below UBS_COUPLED_SHRINK
   QueryVec below;  // 1 - weight, without cancellation
 #endif
   vreal opacity;   // base opacity o
-  SplatColour colour;  // with UBS_COLOUR
+  SplatColour colour;  // only with UBS_COLOUR > 0
   Projected projected;
 } SplatState;
 
@@ -82,8 +85,8 @@ UBS_FN SplatColour splat_colour(SplatRaw raw, Vec3 direction) {
   return colour;
 }
 
-// Returns the scales of all N dimensions before clamping. They are computed together, which is faster than one chain of
-// dependent instructions after the other.
+// Returns the scales of all N dimensions before they are raised to their lower bounds. They are computed together,
+// which is faster than one chain of dependent instructions after the other.
 UBS_FN Several splat_scales(SplatRaw raw) {
   Several scales;
   UBS_UNROLL for (int i = 0; i < UBS_N; ++i) scales.e[i] = raw.e[kRowScale + i];
@@ -100,7 +103,8 @@ UBS_FN FrameVec splat_frame_scales(SplatRaw raw) {
 #define UBS_QUERY_SCALE_LEAST (UBS_COV_MODE == UBS_COV_WHITEN ? UBS_QUERY_SCALE_WHITEN : UBS_QUERY_SCALE_RELATIVE)
 
 #if UBS_COV_PARAM == UBS_COV_SKEW_ND
-// Returns entry (i, j) of I + A, where the parameters have a positive sign in the upper triangle.
+// Returns entry (row, j) of I + A. In the upper triangle, the entries of A are the parameters; in the lower triangle,
+// they have the opposite sign.
 UBS_FN vreal splat_query_entry(SplatRaw raw, int row, int j) {
   return j < row ? -raw.e[kRowL + UBS_TRIANGLE(row, j < row ? j : 0)]
                  : j == row ? V(1.0) : raw.e[kRowL + UBS_TRIANGLE(j > row ? j : 1, j > row ? row : 0)];
@@ -108,7 +112,7 @@ UBS_FN vreal splat_query_entry(SplatRaw raw, int row, int j) {
 
 // Returns the scales of skew_nd after raising them to their lower bounds. The scale of a query column is at least
 // UBS_QUERY_SCALE_LEAST times the rest of its row of (I + A) diag(s). A spatial scale is at least
-// UBS_SKEW_MOTION_RELATIVE times the query columns of its row. Here s are the scales before raising.
+// UBS_SKEW_MOTION_RELATIVE times the query columns of its row. In both rules, s are the scales before they are raised.
 #define UBS_SKEW_LEAST(row) ((row) < 3 ? UBS_SKEW_MOTION_RELATIVE : UBS_QUERY_SCALE_LEAST)
 UBS_FN FrameVec skew_scales(SplatRaw raw, FrameVec scale) {
   FrameVec out = scale;
@@ -123,8 +127,9 @@ UBS_FN FrameVec skew_scales(SplatRaw raw, FrameVec scale) {
   return out;
 }
 
-// Turns the gradient of the result of skew_scales(), which is in `out`, into that of its input. A raised scale k |row|
-// has no gradient of its own. Instead, entry j of the row gets v k^2 entry / (k |row|).
+// Replaces the gradient of the result of skew_scales() in `out` by the gradient of its inputs. A raised scale is
+// k |row|, where k is the factor of the bound and |row| the length of the rest of the row. Therefore its gradient v is
+// passed to the entries of the row: v k^2 entry / (k |row|) is added to the gradient of each entry.
 UBS_FN SplatRaw skew_scales_vjp(SplatRaw out, SplatRaw raw, FrameVec scale, FrameVec used) {
   FrameVec v_used;
   UBS_UNROLL for (int i = 0; i < UBS_N; ++i) {
@@ -147,19 +152,20 @@ UBS_FN SplatRaw skew_scales_vjp(SplatRaw out, SplatRaw raw, FrameVec scale, Fram
 #endif
 
 #if UBS_C > 0
-// Returns the squared length of query row i of [Lqx, Lq] without its scale.
+// Returns the squared length of query row i of [Lqx, Lq] without the scale on the diagonal.
 UBS_FN vreal query_row_square(SplatRaw raw, int i) {
   vreal square = V(0.0);
-  // The loop has constant length, because the compiler would keep a copy of `raw` in memory for a loop that is not
-  // unrolled.
+  // The loop has a constant length, so that it is unrolled. For a loop that is not unrolled, the compiler would keep a
+  // copy of `raw` in memory.
   UBS_UNROLL for (int j = 0; j < 2 + UBS_C; ++j)
     if (j < i + 3) square += raw.e[kRowL + UBS_TRIANGLE(i + 3, j)] * raw.e[kRowL + UBS_TRIANGLE(i + 3, j)];
   return square;
 }
 
-// Returns what must be added to the rounded unit vector d of w, where rho = |w|: the remainders of the divisions, and a
-// correction for the rounding error of rho. This matters because the difference of query and mean is compared with the
-// query scale, which for a thin splat is a hundredth of its row.
+// Returns the rounding error of the unit vector d = w / rho with rho = |w|, as a vector that must be added to d. It
+// consists of the remainders of the divisions and of a correction for the rounding error of rho. This error matters
+// because the difference of query and mean is divided by the query scale, which for a thin splat is only a hundredth of
+// its row.
 UBS_FN Vec3 direction_rest(Vec3 w, vreal rho, Vec3 d) {
   Vec3 rest;
   vreal beyond = ubs_fma(d.e[0], d.e[0], V(-1.0));  // |w / rho|^2 - 1
@@ -172,10 +178,10 @@ UBS_FN Vec3 direction_rest(Vec3 w, vreal rho, Vec3 d) {
   return rest;
 }
 
-// True if the weights are parameters of their own. In that case the raw values serve no other purpose.
+// 1 if the raw query betas are used only for the weights. Then the weights are their sigmoids.
 enum { kLearntWeights = UBS_DIRECT ? UBS_BETA_OPACITY != UBS_BETA_OPACITY_TANH : 0 };
 
-// rest: rounding error of the direction, only read if `thin`.
+// Computes the inputs of the slice. `rest` is the rounding error of the direction; it is only read if `thin` is 1.
 UBS_FN SliceInput splat_slice_input(CameraView cam, SplatRaw raw, SpatialFrame frame, Vec3 direction, Vec3 rest,
                                     int thin) {
   SliceInput in;
@@ -209,14 +215,14 @@ UBS_FN SliceInput splat_slice_input(CameraView cam, SplatRaw raw, SpatialFrame f
 }
 #endif
 
-// Marks splats with a query scale that is a small fraction of its row, or with a spatial scale that is a small fraction
-// of the largest. Such splats are rare in ordinary models. They have code of their own, because handling them in the
-// same code makes project_backward a third slower for all others.
+// ThinSplats marks thin splats. These are splats with a query scale that is a small fraction of its row, or with a
+// spatial scale that is a small fraction of the largest one. They are rare in ordinary models, and are handled by
+// separate code, because additional branches would make project_backward a third slower for all other splats.
 typedef struct {
   vmask lifted;   // a scale is below its lower bound (UBS_QUERY_SCALE_LEAST, UBS_SCALE_LEAST)
-  // A query scale is below UBS_COUPLED_RELATIVE of its row, and all dimensions with such a scale have weights above
-  // 1 - UBS_COUPLED_WEIGHT, so that the conditional covariance may be computed from its factor (conditional.h). With
-  // direct conditioning: a precision is above UBS_DIRECT_SHARP.
+  // The splat is strongly coupled: a query scale is below UBS_COUPLED_RELATIVE times its row, and all dimensions with
+  // such a scale have weights above 1 - UBS_COUPLED_WEIGHT. Then the conditional covariance may be computed from its
+  // factor (conditional.h). With direct conditioning, a row of the precision's factor is longer than UBS_DIRECT_SHARP.
   vmask coupled;
 } ThinSplats;
 
@@ -258,7 +264,7 @@ UBS_FN vreal weight_below_one(vreal b) {
   return b > V(-0.03) ? near : V(1.0) - ubs_exp(b);
 }
 
-// Sets the frame and the shrinkage of the lanes with strongly coupled splats; the other lanes keep theirs.
+// Sets s.m and s.shrink to M W^T and K' in the lanes with strongly coupled splats. The other lanes are not changed.
 UBS_FN SplatState splat_couple(SplatRaw raw, SplatState s) {
   CoupledFactor factor = coupled_factor(s.slice_in);
   UBS_UNROLL for (int i = 0; i < UBS_C; ++i) {
@@ -271,7 +277,7 @@ UBS_FN SplatState splat_couple(SplatRaw raw, SplatState s) {
     UBS_UNROLL for (int r = 0; r < 3; ++r) largest += ubs_fabs(shrink.e[r][c]);
   s.coupled = splat_thin(raw).coupled & (largest < (vreal)(UBS_COUPLED_SHRINK));
 #if UBS_VW == 1
-  if (s.coupled) {  // needs fewer registers than selections: 117 instead of 141 on AMD's gfx90a
+  if (s.coupled) {  // a branch needs fewer registers than selections (117 instead of 141 on the AMD GPU gfx90a)
     s.m = coupled_frame(s.frame.m, factor);
     s.shrink = shrink;
   }
@@ -287,7 +293,7 @@ UBS_FN SplatState splat_couple(SplatRaw raw, SplatState s) {
 }
 #endif
 
-// Returns o_q / o without the blur compensation.
+// Returns the factor o_q / o of the opacity, without the blur compensation.
 UBS_FN vreal splat_attenuation(Conditional conditional) {
   if (UBS_C == 0) return V(1.0);
   return UBS_BETA_OPACITY == UBS_BETA_OPACITY_NONE ? V(1.0) : exp_falling(conditional.log_factor);
@@ -303,9 +309,9 @@ UBS_FN Sight splat_sight(CameraView cam, SplatRaw raw) {
   return s;
 }
 
-// Computes the view ray early, before it is known whether there are thin splats among the lanes, so that the root and
-// the divisions are finished when they are needed. With one lane (GPUs), splat_state() computes it instead, which takes
-// fewer registers.
+// Computes the view ray early, before it is known whether there are thin splats among the lanes, so that the square
+// root and the divisions are finished when they are needed. With one lane, as on GPUs, returns zeros, and splat_state()
+// computes the view ray, because this needs fewer registers.
 UBS_FN Sight sight_ahead(CameraView cam, SplatRaw raw) {
   Sight none;
   if (UBS_VW > 1) return splat_sight(cam, raw);
@@ -314,8 +320,8 @@ UBS_FN Sight sight_ahead(CameraView cam, SplatRaw raw) {
   return none;
 }
 
-// Computes the intermediate values. sight: result of sight_ahead(); thin: a constant that says whether there may be
-// thin splats among the lanes.
+// Computes the intermediate values. `sight` is the result of sight_ahead(). `thin` is a constant: 1 if there may be
+// thin splats among the lanes, otherwise 0.
 UBS_FN SplatState splat_state(CameraView cam, SplatRaw raw, Sight sight, int thin) {
   SplatState s;
   s.frame_raw = splat_frame_raw(raw);
@@ -350,7 +356,7 @@ UBS_FN SplatState splat_state(CameraView cam, SplatRaw raw, Sight sight, int thi
   }
 #endif
 
-  // The mean relative to the camera, so that scenes far from the origin lose no accuracy.
+  // The mean is computed relative to the camera, so that scenes far from the origin do not lose accuracy.
   Vec3 r;
   UBS_UNROLL for (int i = 0; i < 3; ++i) {
     r.e[i] = sight.to_splat.e[i];
@@ -390,14 +396,15 @@ UBS_FN SplatImage splat_image(SplatRaw raw, SplatState s) {
   out.reach = UBS_OPACITY_EXTENTS ? splat_reach(out.opacity, out.beta) : (vreal)(UBS_SUPPORT);
   out.hx = ubs_sqrt(out.reach * s.projected.ellipse.cov.a) + (vreal)(UBS_FOOTPRINT_MARGIN);
   out.hy = ubs_sqrt(out.reach * s.projected.ellipse.cov.c) + (vreal)(UBS_FOOTPRINT_MARGIN);
-  // A splat with an opacity of exactly zero (underflow far from the splat's query) renders nothing and has no gradient.
+  // A splat with an opacity of exactly zero renders nothing and has no gradient. This happens by underflow if the query
+  // is far from the query mean of the splat.
   out.valid = s.projected.valid & (out.opacity > (vreal)(UBS_ALPHA_MIN));
   out.valid = out.valid & (out.reach > V(0.0)) & ubs_finite(out.beta) & ubs_finite(out.conic.l00) &
               ubs_finite(out.conic.l01) & ubs_finite(out.conic.l11) & ubs_finite(out.r + out.g + out.b);
   return out;
 }
 
-// Gradient of the loss with respect to the values that the rasteriser used.
+// The gradient of the loss with respect to the values of SplatImage that the rasteriser has used.
 typedef struct {
   vreal x, y;
   EllipseVjp ellipse;
@@ -405,7 +412,8 @@ typedef struct {
   vreal depth;  // only read with UBS_DEPTH_GRAD
 } SplatImageVjp;
 
-// Result of splat_vjp(): the gradient of the parameters, or with UBS_CAMERA_GRAD that of the camera instead.
+// The result of splat_vjp(). It is the gradient of the parameters, or, with UBS_CAMERA_GRAD, the gradient of the
+// camera.
 #ifdef UBS_CAMERA_GRAD
 typedef CameraVjp SplatVjp;
 #else
@@ -413,8 +421,8 @@ typedef SplatRaw SplatVjp;
 #endif
 
 #if UBS_C > 0
-// Turns the gradients of the slice's inputs into those of the raw parameters, in `out`. The caller handles the part
-// that goes through the direction.
+// Computes the gradients of the raw parameters in `out` from those of the inputs of the slice. The caller adds the
+// gradient through the view direction.
 UBS_FN SplatRaw splat_slice_vjp(SplatRaw out, SplatRaw raw, SpatialFrame frame, SliceInput in, SliceVjp q, int thin) {
   (void)frame;
   (void)in;
@@ -433,7 +441,7 @@ UBS_FN SplatRaw splat_slice_vjp(SplatRaw out, SplatRaw raw, SpatialFrame frame, 
       if (j < row) out.e[kRowL + UBS_TRIANGLE(row, j)] = q.b[i][j];
     out.e[kRowScale + row] = q.b[i][row] * ubs_sigmoid(raw.e[kRowScale + row]);
     if (!UBS_DIRECT && thin) {
-      // A raised scale s = k |row| has no gradient of its own. Instead the row gets v_s ds/drow = v_s k^2 row / s.
+      // A raised scale is s = k |row|, so its gradient v_s is passed to the row: v_s ds/drow = v_s k^2 row / s.
       vmask lifted = in.b[i][row] > splat_scales(raw).e[row];
       vreal v_row = q.b[i][row] * (vreal)(UBS_QUERY_SCALE_LEAST * UBS_QUERY_SCALE_LEAST) / in.b[i][row];
       UBS_UNROLL for (int j = 0; j < 3 + UBS_C; ++j)
@@ -444,7 +452,7 @@ UBS_FN SplatRaw splat_slice_vjp(SplatRaw out, SplatRaw raw, SpatialFrame frame, 
 #endif
     out.e[kRowMean + i] = -q.x.e[i];
     if (kHasQueryBeta) {
-      // The comparison b < 0 is strict: at b = 0, where the weight saturates, the published slope is 0.
+      // The weight is min(exp(b), 1). At b = 0 the slope is defined as 0, as in the published code, so b < 0 is strict.
       vreal bq = UBS_BETA_COND == UBS_BETA_COND_ON ? raw.e[kRowQueryBeta + i] : V(0.0);
       vreal v_beta = bq < V(0.0) ? in.weight.e[i] * q.weight.e[i] : V(0.0);
       if (kLearntWeights) v_beta = in.weight.e[i] * (V(1.0) - in.weight.e[i]) * q.weight.e[i];
@@ -461,8 +469,8 @@ UBS_FN vreal splat_lobe_weight(SplatRaw raw, int l, Vec3 v) {
          v.e[2] * lobe_colour(raw.e[lobe_row(2, l)]);
 }
 
-// Returns the gradient of the direction. v: gradient of the colour; v_lit: the same, but zero in the channels whose
-// harmonics are clamped to 0.
+// Returns the gradient of the direction. v is the gradient of the colour. v_lit is the same gradient, but zero in the
+// channels in which the sum of the harmonics is clamped to 0.
 UBS_FN Vec3 splat_colour_direction_vjp(SplatRaw raw, Vec3 direction, Vec3 v, Vec3 v_lit) {
   ShBasis weight;
   UBS_UNROLL for (int k = 0; k < UBS_SH_COUNT; ++k)
@@ -494,7 +502,7 @@ UBS_FN SplatRaw splat_lobe_vjp(SplatRaw out, SplatRaw raw, int l, Vec3 d, Vec3 v
 UBS_FN SplatVjp splat_vjp(CameraView cam, SplatRaw raw, Sight sight, SplatImageVjp v, int thin) {
   SplatState s = splat_state(cam, raw, sight, thin);
   SplatRaw out;
-  if (UBS_COV_PARAM == UBS_COV_SKEW_ND)  // start at 0: entries are added from both halves of L
+  if (UBS_COV_PARAM == UBS_COV_SKEW_ND)  // start at 0, because gradients from both triangles of A are added
     UBS_UNROLL for (int k = 0; k < kRowCount; ++k) out.e[k] = V(0.0);
   Vec3 v_colour;
   v_colour.e[0] = v.r;
@@ -508,7 +516,7 @@ UBS_FN SplatVjp splat_vjp(CameraView cam, SplatRaw raw, Sight sight, SplatImageV
       out.e[sh_row(c, k)] = s.colour.basis.e[k] * v_lit.e[c];
   }
   UBS_UNROLL for (int l = 0; l < UBS_LOBES; ++l) out = splat_lobe_vjp(out, raw, l, s.sight.direction, v_colour);
-  if (kHasSpatialBeta) {  // d 4exp(b)/db is 4exp(b); above the clamp it is 0
+  if (kHasSpatialBeta) {  // the derivative of 4 exp(b) is 4 exp(b), or 0 if b is above UBS_BETA_RAW_MAX
     vreal raw_beta = raw.e[kRowBeta];
     out.e[kRowBeta] = raw_beta < (vreal)(UBS_BETA_RAW_MAX) ? v.beta * V(4.0) * ubs_exp(raw_beta) : V(0.0);
   }
@@ -519,7 +527,7 @@ UBS_FN SplatVjp splat_vjp(CameraView cam, SplatRaw raw, Sight sight, SplatImageV
   }
   out.e[kRowOpacity] = v.opacity * factor * s.opacity * ubs_sigmoid(-raw.e[kRowOpacity]);
 
-  // In addition to the covariance, M occurs in mu_c = mu_x + M k: v_k = M^T v_mu, v_M += v_mu k^T.
+  // M occurs not only in the covariance, but also in the mean mu_c = mu_x + M k: v_k = M^T v_mu, v_M += v_mu k^T.
   ProjectVjp p = project_vjp(cam, s.m, s.shrink, s.projected, v.x, v.y, v.ellipse, v_compensation, v.depth);
 #ifdef UBS_COUPLED_FACTOR
   CoupledVjp factor_vjp;
@@ -585,7 +593,7 @@ UBS_FN SplatVjp splat_vjp(CameraView cam, SplatRaw raw, Sight sight, SplatImageV
 #endif
 
 #if (defined(UBS_QUERY_GRAD) || defined(UBS_CAMERA_GRAD)) && (UBS_HAS_DIRECTION || UBS_COLOUR > 1)
-  // d = w / |w|: v_w = (I - d d^T) v_d / |w|.
+  // The direction is d = w / |w|, so v_w = (I - d d^T) v_d / |w|.
 #if UBS_HAS_DIRECTION
   Vec3 v_d;
   UBS_UNROLL for (int c = 0; c < 3; ++c) v_d.e[c] = q.x.e[c];

@@ -1,24 +1,25 @@
 // SPDX-License-Identifier: Apache-2.0
-// Helpers of kernels with work-groups: sums over the 256 work-items of a group through local memory. Sub-groups are not
-// used, because their width is unknown and PoCL does not have them. UBS_SUM is the type of the sum; overflow wraps as
-// for any unsigned type.
+// Functions that compute sums over the 256 work-items of a work-group through local memory. Sub-groups are not used,
+// because their width is unknown and PoCL does not have them. UBS_SUM is the type of the sum, an unsigned integer type.
+// On overflow, the sum wraps.
 #pragma once
 
 enum { kGroup = 256 };
 
-// Size of the local memory that a sum needs. Rows of 16 values are stored with a pitch of 17, so that they start in
-// different banks; the sums of the rows follow.
+// kScanRoom is the number of elements of local memory that a sum needs. Rows of 16 values are stored with a pitch of
+// 17, so that they start in different banks. The sums of the rows follow.
 enum {
   kScanRow = 16,
   kScanRows = kGroup / kScanRow,
   kScanRoom = kGroup + 2 * kScanRows,
 };
 
-// Functions with barriers must be inlined, as all UBS_FN are. PoCL 3.1 compiles a function with two callers as a call,
-// and barriers in it then have no effect (measured: a block sort returned its input unchanged).
+// Functions with barriers must be inlined, as all functions with UBS_FN are. Otherwise PoCL 3.1 compiles a function
+// with two callers as a call, and its barriers have no effect. (In a test, a block sort returned its input unchanged.)
 
-// Returns the sum of the values of all work-items before this one; *total is the sum of all. Every work-item must call
-// it. `scratch` (kScanRoom elements) may be used again after it returns.
+// Returns the sum of the values of all work-items before this one, and sets *total to the sum over all work-items.
+// Every work-item of the group must call this function. `scratch` has kScanRoom elements, and may be used again after
+// the function has returned.
 UBS_FN UBS_SUM group_exclusive(UBS_SUM value, __local UBS_SUM* scratch, UBS_SUM* total) {
   const uint me = (uint)get_local_id(0), row = me / kScanRow;
   __local UBS_SUM* rows = scratch + kGroup + kScanRows;

@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// Conversion of the lanes of a vmask to bits. With PoCL this is one or two compiler built-ins, otherwise a tree of ORs.
+// Functions that convert the lanes of a vmask to bits and find the lowest set bit. With PoCL they are one or two
+// compiler built-ins. Otherwise the conversion is a tree of bitwise ORs.
 #pragma once
 
-// Returns the lanes as bits: bit i is set if lane i is true.
+// Returns the lanes as a bit mask. Bit i is set if lane i is true.
 #if UBS_VW == 1
 UBS_FN uint lane_bits(vmask m) { return m != 0; }
 #elif UBS_VW == 16
@@ -36,7 +37,7 @@ UBS_FN uint lane_bits(vmask m) {
 }
 #endif
 
-// Returns the index of the lowest set bit; bits must not be 0.
+// Return the index of the lowest set bit. `bits` must not be 0.
 #ifdef UBS_POCL  // one instruction instead of four
 UBS_FN int lowest_bit(ulong bits) { return __builtin_ctzl(bits); }
 UBS_FN int lowest_bit32(uint bits) { return __builtin_ctz(bits); }

@@ -1,17 +1,18 @@
 // SPDX-License-Identifier: Apache-2.0
-// Helpers of a least-significant-digit radix sort for GPUs (radix_sort.cl, tile_lists.cl), with 8 bits per pass. One
-// work-group processes a block of kRadixBlock elements.
+// Functions for a radix sort on GPUs (radix_sort.cl, tile_lists.cl). It starts with the least significant digit and
+// sorts by a digit of 8 bits in each pass. One work-group processes a block of kRadixBlock elements.
 enum {
   kRadixItems = 8,
   kRadixBlock = kGroup * kRadixItems,
-  kRadixBins = 256,  // one per work-item
+  kRadixBins = 256,  // number of values of a digit; each work-item of a group processes one
   kRadixMask = kRadixBins - 1,
   kNibble = 16,
 };
 
-// Sorts the entries of a block (digit << 16 | place in the block) by four of their bits; the sort is stable. Each
-// work-item has kRadixItems consecutive entries and one counter per nibble. A prefix sum over the counters in the order
-// (nibble, work-item) gives the rank of every entry.
+// Sorts the entries of a block by four of their bits, starting at bit `shift`. The sort is stable. An entry is
+// digit << 16 | place, where `place` is the index of the element in the block. Each work-item has kRadixItems
+// consecutive entries and one counter for each value of the four bits (nibble). A prefix sum over the counters in the
+// order (nibble, work-item) gives the rank of every entry.
 UBS_FN void sort_block(__local uint* entries, __local ushort* counters, __local UBS_SUM* scratch, uint shift) {
   const uint me = (uint)get_local_id(0);
   uint mine[kRadixItems];
@@ -36,10 +37,11 @@ UBS_FN void sort_block(__local uint* entries, __local ushort* counters, __local 
   barrier(CLK_LOCAL_MEM_FENCE);
 }
 
-// Sorts the entries of a block by digit in local memory, by the low nibble and then by the high one, so that equal
-// digits are written as one run. bins: the number of entries of each digit, which is replaced by the place in the
-// output minus the place in the block, for all entries of the digit. offsets, totals: results of radix_rows or
-// count_rows. Returns the number of elements of all blocks. It begins and ends with a barrier.
+// Sorts the entries of a block by digit in local memory, first by the low nibble and then by the high nibble, so that
+// entries with equal digits are consecutive. On entry, `bins` contains the number of entries for each digit. On return,
+// it contains for each digit the difference between the place of an entry in the output and its place in the sorted
+// block, which is the same for all entries with this digit. `offsets` and `totals` are results of radix_rows or
+// count_rows. Returns the number of elements of all blocks. The function begins and ends with a barrier.
 UBS_FN uint place_block(__local uint* entries, __local ushort* counters, __local UBS_SUM* scratch, __local uint* bins,
                         __global const uint* offsets, __global const uint* totals) {
   const uint me = (uint)get_local_id(0);

@@ -1,10 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// One pass of a radix sort for GPUs. Order of the kernels: histogram of (digit, block) -> prefix sums along its rows ->
-// scatter. The first pass of each sort is combined with the kernels that make its keys (tile_lists.cl).
-// The sort is stable: ranks inside a block come from prefix sums in element order and never depend on the order of
-// atomics.
+// The kernels of one pass of a radix sort for GPUs. They run in this order: radix_histogram computes a histogram of
+// (digit, block), radix_rows computes prefix sums along its rows, and radix_scatter moves the elements. The first pass
+// of each sort is combined with the kernels that make its keys (tile_lists.cl).
+// The sort is stable: ranks inside a block are prefix sums in the order of the elements, and never depend on the order
+// of atomic operations.
 
-// Atomics are only used to count; counts do not depend on the order.
+// Counts, for each digit, the elements of each block. The atomic operations only count, so their order has no effect.
 __kernel __attribute__((reqd_work_group_size(kGroup, 1, 1))) void radix_histogram(
     __global const uint* keys, uint most, __global const uint* counted, uint shift, __global uint* histogram) {
   const uint count = listed(most, counted);
@@ -19,7 +20,8 @@ __kernel __attribute__((reqd_work_group_size(kGroup, 1, 1))) void radix_histogra
   histogram[me * get_num_groups(0) + get_group_id(0)] = bins[me];
 }
 
-// One work-group processes one digit: it computes the exclusive prefix sums of the digit's row, and its total.
+// Computes the exclusive prefix sums of each row of the histogram, and the totals of the rows. One work-group processes
+// the row of one digit.
 __kernel __attribute__((reqd_work_group_size(kGroup, 1, 1))) void radix_rows(
     __global uint* histogram, uint blocks, __global uint* totals) {
   __local uint scratch[kScanRoom];
@@ -36,9 +38,9 @@ __kernel __attribute__((reqd_work_group_size(kGroup, 1, 1))) void radix_rows(
   if (me == 0) totals[get_group_id(0)] = running;
 }
 
-// offsets, totals: results of radix_rows. Only digit and place move in local memory; keys and payloads are read from
-// the block, which is still in the cache. The second payload is optional: either both of its pointers are set, or both
-// are null.
+// Moves the elements to their places in the output. `offsets` and `totals` are results of radix_rows. Only the digits
+// and places are sorted in local memory; keys and values are then read from the block, which is still in the cache.
+// values2 and values2_out are optional: either both of them are set, or both are null.
 __kernel __attribute__((reqd_work_group_size(kGroup, 1, 1))) void radix_scatter(
     __global const uint* keys, __global const uint* values, __global const uint* values2, uint most,
     __global const uint* counted, uint shift, __global const uint* offsets, __global const uint* totals,
@@ -50,7 +52,7 @@ __kernel __attribute__((reqd_work_group_size(kGroup, 1, 1))) void radix_scatter(
   __local uint bins[kRadixBins];
   const uint me = (uint)get_local_id(0);
   const size_t begin = get_group_id(0) * kRadixBlock;
-  if (begin >= count) return;  // with `counted`: beyond the number of elements
+  if (begin >= count) return;  // this block has no elements; possible if `most` is only an upper bound
   const uint size = (uint)min((size_t)kRadixBlock, count - begin);
 
   bins[me] = 0;

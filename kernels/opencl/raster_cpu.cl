@@ -1,10 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// Rasteriser for CPUs. One work-item processes one tile of 16x16 pixels, without barriers. Pixels are processed in
-// blocks of 4x4 as vectors of UBS_VW lanes (16 / UBS_VW parts per block), and splats in chunks of 64. For each chunk,
-// each block gets the set of splats whose ellipse reaches it as one 64-bit word, and then blends only these. The
-// forward pass also stores which open blocks of the tile a splat reaches; the backward pass visits only these. Loops
-// over parts have UBS_UNROLL, because otherwise visits are copied by calls of memcpy, which takes twice the time on 8
-// lanes. docs/performance.md describes the structure and its measurements.
+// Rasteriser for CPUs. One work-item processes one tile of 16x16 pixels, without barriers. The pixels of a tile form
+// blocks of 4x4. A block is processed in 16 / UBS_VW parts, each of which is a vector of UBS_VW lanes. The splats of a
+// tile are processed in chunks of 64. For each chunk and each block, a word of 64 bits contains the set of those splats
+// whose ellipse reaches the block, and only these are blended. The forward pass also stores which open blocks of the
+// tile a splat reaches; the backward pass visits only these blocks. Loops over parts have UBS_UNROLL, because otherwise
+// structs are copied by calls of memcpy, which doubles the time with 8 lanes. docs/performance.md describes the
+// structure and measurements.
 
 enum {
   kBlock = 4,
@@ -12,23 +13,24 @@ enum {
   kBlocks = kBlocksX * kBlocksX,
   kParts = kBlock * kBlock / UBS_VW,
 };
-// Tuned constants (host/opencl/opencl_tuning.cpp). A chunk consists of whole vectors, and has at most the 64 splats
-// that fit into a word.
+// Tuned constants (host/opencl/opencl_tuning.cpp). UBS_CHUNK is the number of splats of a chunk. It is a multiple of
+// UBS_VW, and at most 64, the number of bits of a word.
 #ifndef UBS_CHUNK
 #define UBS_CHUNK 64
 #endif
-// The backward pass prefetches the cache lines of the splat that is this many entries ahead.
+// The backward pass prefetches the cache lines of the splat that follows this number of entries later.
 #ifndef UBS_PREFETCH_DISTANCE
 #define UBS_PREFETCH_DISTANCE 12
 #endif
 
-// The order of the tiles. By default PoCL gives each thread runs of consecutive work-groups, and the first run is a
-// quarter to a half of all. Therefore the tiles are scattered over the groups, so that no run is the expensive middle
-// of the image (10 % less time for 200x200). If cores choose their groups themselves (opencl/core_groups.h), each core
-// has rows of the image and starts in the middle of the image, so that cheap tiles remain at the end to balance the
-// load.
+// UBS_SCATTER selects the order in which tiles are assigned to work-groups.
+// By default PoCL gives each thread runs of consecutive work-groups, and the first run consists of a quarter to a half
+// of all groups. Therefore UBS_SCATTER is a prime, which scatters the tiles over the groups, so that no run consists of
+// the expensive middle of the image. This saves 10 % of the time for images of 200x200 pixels.
+// If cores claim their groups themselves (opencl/core_groups.h), UBS_SCATTER is 1. Then each core processes rows of the
+// image, starting in the middle of the image, so that cheap tiles remain for the end and the load is balanced.
 #ifndef UBS_SCATTER
-#define UBS_SCATTER 31  // a prime; or 1 for rows of tiles, starting in the middle
+#define UBS_SCATTER 31
 #endif
 UBS_FN int tile_of_group(uint group, uint tiles) {
 #if UBS_SCATTER == 1
@@ -38,10 +40,10 @@ UBS_FN int tile_of_group(uint group, uint tiles) {
 #endif
 }
 
-// Returns the centre of a column or row of blocks relative to the tile's corner.
+// Returns the centre of column i or row i of blocks, relative to the tile's corner [px].
 UBS_FN float block_centre(int i) { return (float)(i * kBlock) + 0.5f * kBlock; }
 
-// Return the pixel centres of part `part` of a block, relative to the block's corner.
+// Return the x or y coordinates of the pixel centres of a part of a block, relative to the block's corner.
 UBS_FN vreal part_x(int part) {
   float x[UBS_VW];
   for (int lane = 0; lane < UBS_VW; ++lane) x[lane] = (float)((part * UBS_VW + lane) % kBlock) + 0.5f;
@@ -53,8 +55,8 @@ UBS_FN vreal part_y(int part) {
   return UBS_LOAD(y);
 }
 
-// Pixel centres of a tile's block columns and rows. Both passes use the same table, because backward must compute
-// alphas that are bit-identical to those of forward.
+// The pixel centres of the block columns and block rows of a tile. Both passes use the same table, because the backward
+// pass must compute alphas that are bit-identical to those of the forward pass.
 typedef struct {
   vreal x[kBlocksX][kParts], y[kBlocksX][kParts];
 } Centres;
@@ -80,7 +82,7 @@ UBS_FN void load_block(vreal* parts, __global const float* plane, int pitch) {
   for (int part = 0; part < kParts; ++part) parts[part] = UBS_LOAD(pixels + part * UBS_VW);
 }
 
-// Returns 1 for pixels of the image, and 0 for those of the padding, which are closed from the start.
+// Returns 1 for pixels of the image, and 0 for pixels of the padding, which are closed from the start.
 UBS_FN vreal initial_open(int part, int left, int top, int width, int height) {
   vreal x = part_x(part) + (float)left;
   vreal y = part_y(part) + (float)top;
@@ -100,14 +102,14 @@ UBS_FN BlendSplat load_blend_splat(__global const float* record) {
   return s;
 }
 
-// One chunk of a tile's splats, and the words of the blocks.
+// Chunk holds one chunk of a tile's splats, and the splats that reach each block.
 typedef struct {
-  __global const float* lines[UBS_CHUNK];  // records
+  __global const float* lines[UBS_CHUNK];  // pointers to the records
   vreal x[UBS_CHUNK / UBS_VW], y[UBS_CHUNK / UBS_VW];
   vreal l00[UBS_CHUNK / UBS_VW], l01[UBS_CHUNK / UBS_VW], l11[UBS_CHUNK / UBS_VW];
-  vreal reach[UBS_CHUNK / UBS_VW];   // with UBS_OPACITY_EXTENTS
-  vmask blocks[UBS_CHUNK / UBS_VW];  // per splat: bit b is set if it reaches block b
-  ulong hits[kBlocks];               // per block: bit k is set if splat k reaches it
+  vreal reach[UBS_CHUNK / UBS_VW];   // only with UBS_OPACITY_EXTENTS
+  vmask blocks[UBS_CHUNK / UBS_VW];  // for each splat, bit b is set if the splat reaches block b
+  ulong hits[kBlocks];               // for each block, bit k is set if splat k of the chunk reaches the block
 } Chunk;
 
 // Loads the records of a chunk, and prefetches those of the next chunk. The remaining lanes of the last vector are
@@ -134,7 +136,8 @@ UBS_FN void gather_chunk(Chunk* chunk, __global const float* records, __global c
 }
 
 // Determines which blocks the splats of a chunk reach. This takes 15 vector instructions for 16 splats and one block.
-// 1.5 % of the visits then have no effect (with the bounding boxes of the footprints: 40 %).
+// With this test, 1.5 % of the visits of splats to blocks have no effect. If only the bounding boxes of the footprints
+// were tested, 40 % would have no effect.
 UBS_FN void cull_chunk(Chunk* chunk, int count) {
   for (int block = 0; block < kBlocks; ++block) chunk->hits[block] = 0;
   for (int group = 0; group * UBS_VW < count; ++group) {
@@ -157,14 +160,14 @@ UBS_FN void cull_chunk(Chunk* chunk, int count) {
   }
 }
 
-// The visit of a splat to the pixels of a block: blend_begin() has been called, blend_end() has not.
+// Visit is the state of blending a splat into the pixels of a block, after blend_begin() and before blend_end().
 typedef struct {
   __global const float* record;
   BlendAlpha alpha[kParts];
 } Visit;
 
-// The record is read again for each block. If its values were kept as vectors during a loop, they would displace sums
-// from the registers.
+// Starts a visit. The record is read again for each block. If its values were kept as vectors during a loop, they would
+// displace sums from the registers.
 UBS_FN Visit begin_visit(__global const float* record, const vreal* x, const vreal* y) {
   Visit visit;
   visit.record = record;
@@ -174,12 +177,12 @@ UBS_FN Visit begin_visit(__global const float* record, const vreal* x, const vre
   return visit;
 }
 
-// State of a block's pixels while splats are blended.
+// PixelBlock is the state of a block's pixels while splats are blended.
 typedef struct {
-  vreal open[kParts];  // transmittance while the pixel is open, 0 afterwards
-  vreal left[kParts];  // transmittance
+  vreal open[kParts];  // transmittance while the pixel is open, 0 after it has been closed
+  vreal left[kParts];  // transmittance after the last composited splat
   vreal r[kParts], g[kParts], b[kParts];
-  vreal depth[kParts], weight[kParts];  // with UBS_DEPTH
+  vreal depth[kParts], weight[kParts];  // only with UBS_DEPTH
 } PixelBlock;
 
 UBS_FN void blend_visit(PixelBlock* pixels, Visit visit) {
@@ -198,11 +201,13 @@ UBS_FN void blend_visit(PixelBlock* pixels, Visit visit) {
   }
 }
 
-// Blends those splats of the chunk that reach a block (at least one). Returns whether any pixel of the block is still
-// open. This is tested once per chunk, because a test per splat would make the loop wait for each result (three times
-// slower), and a closed block only wastes the rest of its chunk.
-// Each visit starts before the previous one is finished. Then the logarithm of one splat and the power of the other do
-// not wait for each other; each is a chain about as long as the CPU can look ahead (15 % less time).
+// Blends those splats of the chunk that reach a block. There must be at least one. Returns whether any pixel of the
+// block is still open. This is tested once per chunk: after all pixels have been closed, only the rest of the chunk is
+// computed in vain, whereas with a test after each splat, the loop would wait for each result and take three times as
+// long.
+// Each visit starts before the previous one is finished. Then the logarithm for one splat and the power for the
+// previous splat are computed at the same time. Each of them is a chain of about as many instructions as the CPU can
+// look ahead. This saves 15 % of the time.
 UBS_FN int blend_block(PixelBlock* block_pixels, const Chunk* chunk, const Centres* centres, int block) {
   PixelBlock pixels = *block_pixels;
   const vreal *x = centres->x[block % kBlocksX], *y = centres->y[block / kBlocksX];
@@ -220,11 +225,11 @@ UBS_FN int blend_block(PixelBlock* block_pixels, const Chunk* chunk, const Centr
   return ubs_any_lane(going);
 }
 
-// The tile of a work-item: its corner, and the place of its list.
+// Tile describes the tile of a work-item.
 typedef struct {
-  int left, top, width, height;  // corner of the tile, size of the image [px]
-  int pitch, plane;
-  uint first, last;
+  int left, top, width, height;  // upper left corner of the tile, and size of the image [px]
+  int pitch, plane;              // numbers of elements of a row and of a plane of the image
+  uint first, last;              // the list of the tile consists of the entries from first to last - 1
 } Tile;
 
 UBS_FN Tile find_tile(uint group, __global const uint* tile_ranges, int tiles_x, int tiles_y, int width,
@@ -247,7 +252,7 @@ UBS_FN int block_corner(Tile tile, int block) {
   return block_top(tile, block) * tile.pitch + block_left(tile, block);
 }
 
-// Initialises the pixels. Returns the bits of the blocks that contain pixels of the image.
+// Initialises the pixels. Returns the bit mask of the blocks that contain pixels of the image.
 UBS_FN uint start_pixels(PixelBlock* pixels, Tile tile) {
   uint alive = 0;
   for (int block = 0; block < kBlocks; ++block) {
@@ -314,7 +319,8 @@ __kernel __attribute__((reqd_work_group_size(1, 1, 1))) void raster_cpu_forward(
 
 #if !UBS_FORWARD_ONLY
 #if UBS_VW > 1
-// Sums each of four vectors within each group of four lanes. Each group of the result contains the sums (a, b, c, d).
+// Sums each of four vectors within each group of four lanes. Each group of four lanes of the result contains the sums
+// of a, b, c and d over this group.
 UBS_FN vreal interleave_four(vreal a, vreal b, vreal c, vreal d) {
   vreal ab = unpack_low(a, b) + unpack_high(a, b);
   vreal cd = unpack_low(c, d) + unpack_high(c, d);
@@ -323,7 +329,7 @@ UBS_FN vreal interleave_four(vreal a, vreal b, vreal c, vreal d) {
 #endif
 
 #if UBS_VW < 16
-// Returns the sums over all lanes of four vectors.
+// Returns, for each of four vectors, the sum over all lanes.
 UBS_FN float4 fold_four(vreal a, vreal b, vreal c, vreal d) {
 #if UBS_VW == 1
   return (float4)(a, b, c, d);
@@ -336,9 +342,10 @@ UBS_FN float4 fold_four(vreal a, vreal b, vreal c, vreal d) {
 }
 #endif
 
-// Returns the sums over the pixels of a tile, in the order of kGrad*; slot_sum.cl turns them into a gradient. With 16
-// lanes the three groups of four are folded together: 31 instead of 39 instructions, and one store instead of four
-// (backward 4 % faster). The values after the ten sums have no meaning.
+// Returns the ten sums over the pixels of a tile, in the order of kGrad*. slot_sum.cl computes the gradient from them.
+// The values after the ten sums have no meaning. With 16 lanes, all sums are computed together. This takes 31
+// instructions and one store, whereas four sums at a time would take 39 instructions and four stores. It makes the
+// backward pass 4 % faster.
 UBS_FN float16 fold_sums(BlendSums s) {
 #if UBS_VW == 16
   float16 first = interleave_four(s.hp, s.hq, s.hpp, s.hpq);
@@ -354,12 +361,12 @@ UBS_FN float16 fold_sums(BlendSums s) {
 #endif
 }
 
-// The pixels of a block in the backward pass: their positions and the state of blending. They are in one struct, so
-// that one address is enough.
+// Gradients holds the pixels of a block in the backward pass: their positions, their gradients, and the state of
+// blending. All values are in one struct, so that one address is enough.
 typedef struct {
   vreal x[kParts], y[kParts];
   vreal open[kParts];
-  vreal remaining[kParts];  // v_pixel . (colour of the splats not yet visited)
+  vreal remaining[kParts];  // dot product of the gradient and the colour of the splats that follow
   vreal v_r[kParts], v_g[kParts], v_b[kParts];
   vreal unused[kParts];  // pads the struct to a power of two
 } Gradients;
@@ -388,7 +395,7 @@ UBS_FN void start_gradients(Gradients* blocks, Tile tile, __global const float* 
   }
 }
 
-// Finishes a visit: adds its gradient to the sums.
+// Finishes a visit and adds its gradient to the sums.
 UBS_FN BlendSums add_visit(BlendSums sums, Gradients* pixels, Visit visit) {
   BlendSplat s = load_blend_splat(visit.record);
   UBS_UNROLL for (int part = 0; part < kParts; ++part) {
@@ -404,21 +411,21 @@ UBS_FN BlendSums add_visit(BlendSums sums, Gradients* pixels, Visit visit) {
   return sums;
 }
 
-// A tile's list, and the current position in the sequence of visits, which goes through the entries and for each entry
-// through its blocks.
+// Walk is an iterator over the visits of a tile. It goes through the entries of the tile's list, and for each entry
+// through the blocks that the splat reaches.
 typedef struct {
   __global const float* records;
   __global const uint* ids;
   __global const uint* slots;
   __global const ushort* masks;
   uint at, last;                 // index of the next entry; end of the list
-  uint slot;                     // of the current entry
-  uint blocks;                   // blocks of the current entry that are not visited yet
-  __global const float* record;  // of the current entry
+  uint slot;                     // slot of the current entry
+  uint blocks;                   // bit mask of the blocks of the current entry that have not been visited yet
+  __global const float* record;  // record of the splat of the current entry
 } Walk;
 
-// Moves to the next entry that any block composites. Returns 0 at the end of the list. In that case the walk is at the
-// first block of the last entry; a visit may be started there but is never finished.
+// Moves to the next entry with a mask that is not 0, and returns 1. At the end of the list, returns 0. In this case the
+// walk is at block 0 of the last entry, so that the caller may start one more visit, which is never finished.
 UBS_FN int next_entry(Walk* walk, UBS_SLOTS(__global float*)) {
   for (; walk->at < walk->last; ++walk->at) {
     uint ahead = walk->at + UBS_PREFETCH_DISTANCE;
@@ -452,8 +459,8 @@ UBS_FN Visit begin_next(const Walk* walk, const Gradients* pixels) {
   return begin_visit(walk->record, pixels->x, pixels->y);
 }
 
-// As in the forward pass, each visit starts before the previous one is finished, here even if a new splat starts (23 %
-// less time).
+// Computes the sums of the gradients for the slots of a tile. As in the forward pass, each visit starts before the
+// previous one is finished, even if the two visits are those of different splats. This saves 23 % of the time.
 __kernel __attribute__((reqd_work_group_size(1, 1, 1))) void raster_cpu_backward(
     __global const float* records, __global const uint* sorted_ids, __global const uint* sorted_slots,
     __global const uint* tile_ranges, int tiles_x, int tiles_y, int width, int height,
@@ -475,7 +482,7 @@ __kernel __attribute__((reqd_work_group_size(1, 1, 1))) void raster_cpu_backward
   Visit visit = begin_next(&walk, pixels);
   for (int more = 1; more;) {
     uint slot = walk.slot;
-    int ends = walk.blocks == 0;  // this visit is the last one of its splat
+    int ends = walk.blocks == 0;  // 1 if this visit is the last one of its splat
     if (ends) more = next_entry(&walk, UBS_SLOT_ARGUMENTS);
     Gradients* next_pixels = next_block(&walk, blocks);
     Visit next = begin_next(&walk, next_pixels);

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Exclusive prefix sum for GPUs. One work-group processes a block of `block` elements (a multiple of kGroup). scan_sums
-// reduces the blocks, then scan_write writes the result. UBS_SCAN_IN and UBS_SUM are the element types; sums wrap on
-// overflow. `out` has count + 1 elements, the last of which is the total. `out` may be the same buffer as `in`.
+// The kernels of an exclusive prefix sum for GPUs. One work-group processes a block of `block` elements, which is a
+// multiple of kGroup. scan_sums computes the sums of the blocks, then scan_write writes the result. UBS_SCAN_IN is the
+// type of the elements and UBS_SUM the type of the sums, which wrap on overflow. `out` has count + 1 elements, the last
+// of which is the total. `out` may be the same buffer as `in`.
 
 __kernel __attribute__((reqd_work_group_size(kGroup, 1, 1))) void scan_sums(
     __global const UBS_SCAN_IN* in, uint count, uint block, __global UBS_SUM* sums) {
@@ -16,8 +17,8 @@ __kernel __attribute__((reqd_work_group_size(kGroup, 1, 1))) void scan_sums(
   if (me == 0) sums[get_group_id(0)] = total;
 }
 
-// sums: the sums of the blocks, or null if there is only one. There are few blocks, so each group adds the sums before
-// its own.
+// `sums` contains the sums of the blocks; it is null if there is only one block. There are few blocks, so each group
+// adds the sums of all blocks before its own block.
 __kernel __attribute__((reqd_work_group_size(kGroup, 1, 1))) void scan_write(
     __global const UBS_SCAN_IN* in, uint count, uint block, __global const UBS_SUM* sums,
     __global UBS_SUM* out) {

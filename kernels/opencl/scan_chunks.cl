@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Exclusive prefix sum for CPUs. One work-item processes a chunk of `block` elements; the argument lists are those of
-// scan.cl. Work-groups have one work-item, so that the compiler vectorises the loops below. UBS_SUM is the type of the
-// sum.
+// The kernels of an exclusive prefix sum for CPUs, with the same names and arguments as those for GPUs in scan.cl. One
+// work-item processes a chunk of `block` elements. Work-groups have one work-item, so that the compiler vectorises the
+// loops. UBS_SCAN_IN is the type of the elements and UBS_SUM the type of the sums.
 
 __kernel __attribute__((reqd_work_group_size(1, 1, 1))) void scan_sums(
     __global const UBS_SCAN_IN* restrict in, uint count, uint block, __global UBS_SUM* restrict sums) {
@@ -11,7 +11,8 @@ __kernel __attribute__((reqd_work_group_size(1, 1, 1))) void scan_sums(
   sums[get_global_id(0)] = sum;
 }
 
-// sums: the sums of the chunks from scan_sums. There are few chunks, so each work-item adds the sums before its own.
+// `sums` contains the sums of the chunks from scan_sums. There are few chunks, so each work-item adds the sums of all
+// chunks before its own chunk.
 __kernel __attribute__((reqd_work_group_size(1, 1, 1))) void scan_write(
     __global const UBS_SCAN_IN* in, uint count, uint block, __global const UBS_SUM* sums,
     __global UBS_SUM* out) {

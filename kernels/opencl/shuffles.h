@@ -1,9 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-// Functions that interleave two vectors within each group of four lanes: the first or last two lanes of each group, as
-// single values or as pairs. They list all lanes in this order, because then they compile to the CPU's unpack
-// instructions, which take one cycle. Swizzles of several lanes do not compile to these instructions (with them, the
-// backward rasteriser is 12 % slower). The functions that follow for 16 lanes shuffle across the whole vector, which
-// takes three cycles.
+// Functions that rearrange the lanes of two vectors a and b. The first four work within each group of four lanes:
+// - unpack_low: a0 b0 a1 b1; unpack_high: a2 b2 a3 b3
+// - pairs_low: a0 a1 b0 b1; pairs_high: a2 a3 b2 b3
+// They list every lane separately, because then they compile to the CPU's unpack instructions, which take one cycle.
+// Swizzles of several lanes do not compile to these instructions, and make the backward rasteriser 12 % slower. The
+// other functions, which exist only for 16 lanes, rearrange lanes across the whole vector, which takes three cycles.
 #pragma once
 
 #if UBS_VW == 16
@@ -19,14 +20,14 @@ UBS_FN float16 pairs_low(float16 a, float16 b) {
 UBS_FN float16 pairs_high(float16 a, float16 b) {
   return (float16)(a.s2, a.s3, b.s2, b.s3, a.s6, a.s7, b.s6, b.s7, a.sa, a.sb, b.sa, b.sb, a.se, a.sf, b.se, b.sf);
 }
-// Interleave two vectors across their whole length.
+// Interleave the lanes of two vectors across their whole length.
 UBS_FN float16 interleave_low(float16 a, float16 b) {
   return (float16)(a.s0, b.s0, a.s1, b.s1, a.s2, b.s2, a.s3, b.s3, a.s4, b.s4, a.s5, b.s5, a.s6, b.s6, a.s7, b.s7);
 }
 UBS_FN float16 interleave_high(float16 a, float16 b) {
   return (float16)(a.s8, b.s8, a.s9, b.s9, a.sa, b.sa, a.sb, b.sb, a.sc, b.sc, a.sd, b.sd, a.se, b.se, a.sf, b.sf);
 }
-// Return the groups of four lanes of both vectors that have an even number, or those that have an odd number.
+// Return the groups of four lanes with even numbers, or those with odd numbers, of both vectors.
 UBS_FN float16 even_fours(float16 a, float16 b) {
   return (float16)(a.s0, a.s1, a.s2, a.s3, a.s8, a.s9, a.sa, a.sb, b.s0, b.s1, b.s2, b.s3, b.s8, b.s9, b.sa, b.sb);
 }

@@ -1,9 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-// Computes the gradient of each projected splat on CPUs from its slots, one per tile that it reaches. raster_cpu.cl has
-// stored sums over pixels there. They are added in slot order and then multiplied by the factors of blend_factors(),
-// which are the same in every tile. Slots with mask 0 were never written and may contain anything, including NaN. They
-// are also read, and then set to zero by AND. A branch that skips them would often be mispredicted, and would leave
-// gaps in the stream of reads. (If half of the slots are unwritten, reading all of them is 1.4x faster than skipping.)
+// Computes the gradient of each projected splat on CPUs. A splat has one slot for each tile that it reaches, in which
+// raster_cpu.cl has stored sums over pixels. The slots are added in their order, and the result is multiplied by the
+// factors of blend_factors(), which are the same in every tile. Slots with mask 0 were never written and may contain
+// anything, including NaN. They are read as well, but their values are replaced by zero with a bitwise AND. A branch
+// that skips them would often be mispredicted, and would leave gaps in the stream of reads: if half of the slots are
+// unwritten, it is 1.4 times slower.
 
 UBS_FN float16 sum_of_slots(uint first, uint last, UBS_SLOTS(__global const float*), __global const ushort* masks) {
   float16 sum = (float16)(0.0f);
@@ -38,7 +39,7 @@ enum { kSumItems = 1 };
 enum { kSumItems = UBS_SUM_GROUP };
 #endif
 
-// One work-item processes one splat; a slot is one vector.
+// One work-item processes one splat. A slot is one vector.
 __kernel __attribute__((reqd_work_group_size(kSumItems, 1, 1))) void sum_slots_vector(
     uint count, __global const uint* tile_counts, __global const uint* slot_offsets,
     UBS_SLOTS(__global const float*), __global const ushort* masks, __global const float* records,

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Replacements for PoCL's vstore8 and vstore16, which split the vector into stores of 16 bytes. For a float16 these are
-// seven instructions instead of one, and a load of the whole vector soon afterwards has to wait until all four parts
-// are in the cache.
+// Replacements for the functions vstore8 and vstore16 of PoCL, which split the vector into stores of 16 bytes. For a
+// float16, PoCL needs seven instructions instead of one. Besides, a load of the whole vector soon afterwards has to
+// wait until all four parts are in the cache.
 #ifdef UBS_POCL
 #define UBS_DEFINE_VSTORE(space, type, width)                                           \
   static inline __attribute__((overloadable, always_inline)) void ubs_vstore##width(    \

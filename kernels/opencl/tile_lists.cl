@@ -1,9 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tile lists for GPUs: the stages around radix_sort.cl. They select the visible splats, write (tile, splat, slot) in
-// depth order, and find the first intersection of each tile. The first pass of each sort is a part of them.
+// The kernels that build the tile lists on GPUs, together with those of radix_sort.cl. They select the visible splats,
+// write (tile, splat, slot) in depth order, and find the first intersection of each tile. They also do the first pass
+// of each sort.
 
-// Counts the digits of the depth keys of a block's visible splats for the first pass of the sort (histogram as by
-// radix_histogram), and their tiles: sums[block].
+// For each block of splats, computes the histogram of the first digit of the depth keys of its visible splats, in the
+// layout of radix_histogram, and the number of tiles of these splats (sums[block]).
 __kernel __attribute__((reqd_work_group_size(kGroup, 1, 1))) void count_sums(
     __global const uint* tile_counts, __global const uint* depth_keys, uint count, __global uint* histogram,
     __global ulong* sums) {
@@ -25,13 +26,14 @@ __kernel __attribute__((reqd_work_group_size(kGroup, 1, 1))) void count_sums(
   histogram[me * get_num_groups(0) + get_group_id(0)] = bins[me];
 }
 
-// Like radix_rows, with one more group that replaces `sums` by their exclusive prefix sums: sums[blocks] is the total.
+// Computes the exclusive prefix sums of each row of the histogram and the totals of the rows, like radix_rows. An
+// additional work-group replaces `sums` by their exclusive prefix sums, and writes their total to sums[blocks].
 __kernel __attribute__((reqd_work_group_size(kGroup, 1, 1))) void count_rows(
     __global uint* histogram, uint blocks, __global uint* digits, __global ulong* sums) {
   __local ulong scratch[kScanRoom];
   const uint me = (uint)get_local_id(0), group = (uint)get_group_id(0);
   const int of_digit = group < kRadixBins;
-  __global uint* row = histogram + (size_t)group * blocks;  // of a digit
+  __global uint* row = histogram + (size_t)group * blocks;  // only used if of_digit
   ulong running = 0;
   for (uint begin = 0; begin < blocks; begin += kGroup) {
     const uint i = begin + me;
@@ -49,16 +51,17 @@ __kernel __attribute__((reqd_work_group_size(kGroup, 1, 1))) void count_rows(
     sums[blocks] = running;
 }
 
-// The number of visible splats and the number of their tiles, packed into one value so that one sum over the group is
-// enough. A block has 2048 splats with less than 2^32 tiles each.
+// These functions pack the number of visible splats and the number of their tiles into one value, so that one sum over
+// the work-group is enough. The number of tiles is in the lower 44 bits. It fits, because a block has 2048 splats with
+// less than 2^32 tiles each.
 UBS_FN ulong one_drawn(void) { return 1ul << 44; }
 UBS_FN ulong packed_counts(uint tiles) { return tiles > 0 ? one_drawn() + tiles : 0; }
 
-// Writes the keys and indices of the visible splats, sorted by the first digit of the key, and where the slots of each
-// splat begin. offsets, digits, sums: results of count_rows. totals: numbers of visible splats and of intersections.
-// `drawn` and `pairs` are null if the host waits for the totals. Otherwise they receive the same numbers, for the
-// kernels that follow, unless there are more intersections than `room`: then they are 0 and all tile counts are
-// cleared, as fit_lists does.
+// Writes the keys and indices of the visible splats, sorted by the first digit of the key, and the first slot of each
+// splat. `offsets`, `digits` and `sums` are results of count_rows. `totals` receives the numbers of visible splats and
+// of intersections. `drawn` and `pairs` are null if the host waits for the totals. Otherwise they receive the same two
+// numbers for the kernels that follow. If there are more intersections than `room`, they receive 0, and all tile counts
+// are set to 0, so that the view becomes empty (as in fit_lists of map/lists.cl).
 __kernel __attribute__((reqd_work_group_size(kGroup, 1, 1))) void count_write(
     __global uint* tile_counts, __global const uint* depth_keys, uint count, __global const uint* offsets,
     __global const uint* digits, __global const ulong* sums, ulong room, __global uint* keys, __global uint* ids,
@@ -107,8 +110,9 @@ __kernel __attribute__((reqd_work_group_size(kGroup, 1, 1))) void count_write(
   *pairs = fits ? (uint)tiles : 0;
 }
 
-// One work-group processes a block of `block` splats in depth order (a multiple of kGroup). firsts: the exclusive
-// prefix sums of their numbers of tiles, which begin at 0 in each block. sums: the totals of the blocks.
+// Computes the exclusive prefix sums of the numbers of tiles of the splats in depth order. One work-group processes a
+// block of `block` splats, which is a multiple of kGroup. `firsts` receives the prefix sums, which start at 0 in each
+// block, and `sums` the totals of the blocks.
 __kernel __attribute__((reqd_work_group_size(kGroup, 1, 1))) void area_sums(
     __global const uint* order, uint most, __global const uint* counted, __global const uint2* tile_rects, uint block,
     __global uint* firsts, __global uint* sums) {
@@ -133,7 +137,7 @@ __kernel __attribute__((reqd_work_group_size(kGroup, 1, 1))) void area_sums(
 
 enum { kAreaBlocks = 1024 };  // the largest number of blocks of area_sums
 
-// Returns the block in [low, high) of area_sums that contains an intersection.
+// Returns the block of area_sums in [low, high) that contains the intersection with the index `place`.
 UBS_FN uint block_of(__local const uint* starts, uint low, uint high, uint place) {
   while (high - low > 1) {
     const uint middle = low + (high - low) / 2;
@@ -145,19 +149,18 @@ UBS_FN uint block_of(__local const uint* starts, uint low, uint high, uint place
   return low;
 }
 
-// Writes the intersections in depth order, a block of kRadixBlock intersections for each group, and counts the digits
-// of the tiles for the first pass of their sort (histogram as by radix_histogram). The work is balanced for rectangles
-// of any size: a work-item finds the splat of an intersection by bisection. First the group finds the splats of its
-// first and its last intersection; then each work-item searches between these two (on average among 2048 / t
-// candidates, where t is the number of tiles per splat). firsts, sums: results of area_sums for blocks of `block`
-// splats.
+// Writes the intersections in depth order, and computes the histogram of the first digit of their tiles in the layout
+// of radix_histogram. Each work-group processes a block of kRadixBlock intersections, so that the work is balanced for
+// rectangles of any size. The splat of an intersection is found by bisection. First the group finds the splats of its
+// first and its last intersection. Then each work-item searches between these two, on average among 2048 / t splats,
+// where t is the number of tiles per splat. `firsts` and `sums` are results of area_sums for blocks of `block` splats.
 __kernel __attribute__((reqd_work_group_size(kGroup, 1, 1))) void emit_intersections(
     __global const uint* order, __global const uint* firsts, __global const uint* sums, uint block, uint most_drawn,
     __global const uint* drawn, uint most_pairs, __global const uint* pairs, __global const uint2* tile_rects,
     __global const uint* slot_offsets, uint tiles_x, __global uint* tiles, __global uint* ids, __global uint* slots,
     __global uint* histogram, __global uint* long_lists) {
   __local ulong scratch[kScanRoom];
-  __local uint starts[kAreaBlocks];  // first intersections of the blocks of area_sums
+  __local uint starts[kAreaBlocks];  // index of the first intersection of each block of area_sums
   __local uint bins[kRadixBins], ends[2], end_blocks[2];
   const uint count = listed(most_drawn, drawn), intersections = listed(most_pairs, pairs);
   const uint me = (uint)get_local_id(0), blocks = (count + block - 1) / block, each = (blocks + kGroup - 1) / kGroup;
@@ -196,8 +199,8 @@ __kernel __attribute__((reqd_work_group_size(kGroup, 1, 1))) void emit_intersect
   histogram[me * get_num_groups(0) + get_group_id(0)] = bins[me];
 }
 
-// Finds the start of each tile's list by bisection. Empty tiles at the ends or in between need no special case.
-// long_lists is set if a list is long; emit_intersections has cleared it.
+// Finds the start of each tile's list by bisection. This also works for empty tiles. Sets *long_lists to 1 if a list
+// has more than kLongList entries; emit_intersections has set it to 0 before.
 __kernel __attribute__((reqd_work_group_size(kGroup, 1, 1))) void find_ranges(
     __global const uint* tiles_sorted, uint most_pairs, __global const uint* pairs, uint tiles,
     __global uint* tile_ranges, __global uint* long_lists) {

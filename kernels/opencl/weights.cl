@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Measures how much each splat affects a tile: its largest blended weight over the pixels. One work-item processes one
-// tile with the lists of a forward pass. The program consists of raster_cpu.cl and this file, so that the alphas are
-// bit-identical to those of the rasteriser. Used by tools. It is correct on all devices, but fast only on CPUs.
+// Measures how much each splat affects each tile. The measure is the largest weight that the splat has in any pixel of
+// the tile when colours are blended (MeasureWeights of host/device/stages.hpp). One work-item processes one tile with
+// the lists of a forward pass. The program consists of raster_cpu.cl and this file, so that the alphas are
+// bit-identical to those of the rasteriser. The kernel is correct on all devices, but fast only on CPUs.
 
 UBS_FN float largest_lane(vreal v) {
   float lanes[UBS_VW];
@@ -11,9 +12,9 @@ UBS_FN float largest_lane(vreal v) {
   return most;
 }
 
-// weights (by slot): the maximum over the tile's pixels of transmittance * alpha. If a splat would finish a pixel, it
-// counts there although it is not composited, because the pixel would continue without it. 0: the image does not depend
-// on the splat.
+// Writes, for each slot, the maximum over the tile's pixels of transmittance * alpha. A splat that would finish a pixel
+// is not composited in this pixel, but counts there, because without this splat the pixel would continue with the next
+// one. If the weight is 0, the image does not depend on the splat in this tile.
 __kernel __attribute__((reqd_work_group_size(1, 1, 1))) void measure_weights(
     __global const float* records, __global const uint* sorted_ids, __global const uint* sorted_slots,
     __global const uint* tile_ranges, int tiles_x, int tiles_y, int width, int height,

@@ -3,9 +3,9 @@
 
     python gsplat_train.py --strategy mcmc [DATA]
 
-DATA is a folder of any layout that ubs reads; without it, a synthetic scene is made. The same training loop runs with
-gsplat on CUDA, if the line below imports its names. `ubs train` is faster and has more functions than this
-example."""
+DATA is a folder of any layout that ubs reads. Without DATA, the example creates a synthetic scene. The same training
+loop runs with gsplat on CUDA if the import of ubs.gsplat below is replaced by an import of gsplat. `ubs train` is
+faster and has more functions than this example."""
 
 from __future__ import annotations
 
@@ -19,7 +19,8 @@ from torch import Tensor
 import ubs
 from ubs.gsplat import DefaultStrategy, MCMCStrategy, rasterization
 
-# Learning rates; that of the means is multiplied by the size of the scene, and falls to a hundredth.
+# Learning rates of the parameters. train() multiplies the rate of the means by the size of the scene, and reduces it
+# during the training to a hundredth of its initial value.
 RATES = {"means": 1.6e-4, "scales": 5e-3, "quats": 1e-3, "opacities": 5e-2, "sh0": 2.5e-3, "shN": 1.25e-4}
 
 
@@ -35,13 +36,15 @@ class Views:
             self.ks[i, :2] = torch.tensor([[camera.fx, 0, camera.cx], [0, camera.fy, camera.cy]])
 
     def extent(self) -> float:
-        """Returns 1.1 times the largest distance of a camera from their mean, which is the size of the scene."""
+        """Returns the size of the scene: 1.1 times the largest distance between a camera and the mean position of all
+        cameras."""
         centres = torch.inverse(self.viewmats)[:, :3, 3]
         return 1.1 * float((centres - centres.mean(0)).norm(dim=-1).max())
 
 
 def start(points: Tensor) -> dict[str, torch.nn.Parameter]:
-    """Returns grey Gaussians at these points (n, 3), as large as the distance to their three nearest neighbours."""
+    """Returns the parameters of grey Gaussians at these points (n, 3). The scale of each Gaussian is the root mean
+    square of the distances to its three nearest neighbours."""
     nearest = [torch.cdist(part, points).topk(min(4, len(points)), largest=False)[0] for part in points.split(1024)]
     size = torch.cat(nearest)[:, 1:].square().mean(-1).sqrt().clamp_min(1e-7)
     count = len(points)
@@ -57,7 +60,7 @@ def start(points: Tensor) -> dict[str, torch.nn.Parameter]:
 
 
 def render(params: dict[str, Any], views: Views, i: int, degree: int = 3) -> tuple[Tensor, dict[str, Any]]:
-    """Returns the image (H, W, 3) of a view, and the data that a strategy needs."""
+    """Returns the image (H, W, 3) of view `i`, and the dictionary that the strategies need."""
     colors = torch.cat([params["sh0"], params["shN"]], 1)
     images, _, info = rasterization(
         params["means"], params["quats"], params["scales"].exp(), params["opacities"].sigmoid(), colors,
@@ -79,7 +82,7 @@ def ssim(a: Tensor, b: Tensor) -> Tensor:
 
 
 def psnr(params: dict[str, Any], views: Views) -> float:
-    """Returns the mean PSNR of the views [dB]."""
+    """Returns the mean PSNR over the views, in dB."""
     with torch.no_grad():
         images = [render(params, views, i)[0] for i in range(len(views.images))]
     found = [-10 * math.log10(float((a.clamp(0, 1) - b).square().mean())) for a, b in zip(images, views.images)]
@@ -107,7 +110,8 @@ def train(data: ubs.Dataset, strategy: str, steps: int, gaussians: int, most: in
         i = int(torch.randint(len(views.images), ()))
         image, info = render(params, views, i, degree=min(3, step * 10 // steps))
         loss = 0.8 * (image - views.images[i]).abs().mean() + 0.2 * (1 - ssim(image, views.images[i]))
-        if strategy == "mcmc":  # without these penalties, few Gaussians become transparent and move
+        if strategy == "mcmc":
+            # MCMC relocates transparent Gaussians. Without these penalties, only few Gaussians become transparent.
             loss = loss + 0.01 * params["opacities"].sigmoid().mean() + 0.01 * params["scales"].exp().mean()
         chosen.step_pre_backward(params, optimizers, state, step, info)
         loss.backward()
@@ -126,11 +130,15 @@ def train(data: ubs.Dataset, strategy: str, steps: int, gaussians: int, most: in
 
 def main(arguments: Optional[list[str]] = None) -> None:
     parser = argparse.ArgumentParser(description="Trains Gaussians with ubs.gsplat.")
-    parser.add_argument("data", nargs="?", help="folder of images and cameras [a synthetic scene]")
-    parser.add_argument("--strategy", choices=("default", "mcmc"), default="default")
-    parser.add_argument("--steps", type=int, default=2000)
-    parser.add_argument("--gaussians", type=int, default=2000, help="initial number, if the data have no points")
-    parser.add_argument("--cap-max", type=int, default=10000, help="maximum number of Gaussians with --strategy mcmc")
+    parser.add_argument("data", nargs="?", help="folder of images and cameras; without it, a synthetic scene is used")
+    parser.add_argument("--strategy", choices=("default", "mcmc"), default="default",
+                        help="how Gaussians are added and removed: as in 3D Gaussian Splatting (default), or as in "
+                        "3DGS-MCMC (mcmc) [default]")
+    parser.add_argument("--steps", type=int, default=2000, help="number of training steps [2000]")
+    parser.add_argument("--gaussians", type=int, default=2000,
+                        help="initial number of Gaussians if the data contain no points [2000]")
+    parser.add_argument("--cap-max", type=int, default=10000,
+                        help="maximum number of Gaussians with --strategy mcmc [10000]")
     given = parser.parse_args(arguments)
     data = ubs.Dataset.open(given.data) if given.data else ubs.synth("glossy")
     params = train(data, given.strategy, given.steps, given.gaussians, given.cap_max)

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Fits Gaussians to one image: python image_fit.py IMAGE OUT.png [GAUSSIANS [STEPS]]. Needs PyTorch and Pillow.
 
-All Gaussians are in front of one camera, so they learn an image and not a scene. This is a small example of
-rasterization() with an optimiser. The same code runs with gsplat on CUDA, if rasterization() is imported from gsplat
+There is only one camera, so the Gaussians learn its image, but not the geometry of a scene. This is a small example of
+rasterization() with an optimiser. The same code runs with gsplat on CUDA if rasterization() is imported from gsplat
 instead of ubs.gsplat."""
 
 from __future__ import annotations
@@ -29,7 +29,8 @@ def start(count: int) -> dict[str, torch.Tensor]:
 
 
 def render(values: dict[str, torch.Tensor], width: int, height: int) -> torch.Tensor:
-    """Returns the image (height, width, 3) of a camera at a distance of 2, which sees the square from -1 to 1."""
+    """Returns the image (height, width, 3) of a camera that has a distance of 2 to the origin and looks at it. In the
+    plane z = 0, the camera sees x and y from -1 to 1."""
     viewmat = torch.eye(4)
     viewmat[2, 3] = 2.0
     k = torch.tensor([[1.0 * width, 0, width / 2], [0, 1.0 * height, height / 2], [0, 0, 1]])
@@ -42,8 +43,8 @@ def render(values: dict[str, torch.Tensor], width: int, height: int) -> torch.Te
 
 
 def fit(target: torch.Tensor, count: int, steps: int) -> tuple[torch.Tensor, list[float]]:
-    """Fits `count` Gaussians to an image (height, width, 3), 0 to 1. Returns their image, and the mean squared error
-    before each step."""
+    """Fits `count` Gaussians to an image (height, width, 3) with values from 0 to 1. Returns the image of the fitted
+    Gaussians, and the mean squared error before each step."""
     height, width, _ = target.shape
     values = {name: value.requires_grad_() for name, value in start(count).items()}
     adam = torch.optim.Adam([{"params": [values[name]], "lr": rate} for name, rate in RATES.items()])

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Trains a model with PyTorch's Adam and a custom loss: python torch_fit.py DATA MODEL.ply [STEPS].
 
-`ubs synth glossy --out DATA` creates data. This example shows the interface. ubs.train() is faster and can add
-splats."""
+The command `ubs synth glossy --out DATA` creates the data. This example shows how to use ubs.torch. For real trainings,
+use ubs.train(), which is faster and can add splats."""
 
 from __future__ import annotations
 
@@ -13,11 +13,12 @@ import torch
 import ubs
 import ubs.torch
 
-RATES = {"xyz": 2e-4, "rgb": 5e-3, "opacity": 5e-2, "scale": 5e-3}  # learning rates; 1e-3 for the others
+# Learning rates. All parameters that are not listed have a learning rate of 1e-3.
+RATES = {"xyz": 2e-4, "rgb": 5e-3, "opacity": 5e-2, "scale": 5e-3}
 
 
 def charbonnier(image: torch.Tensor, target: torch.Tensor) -> torch.Tensor:
-    """A smooth variant of the absolute difference."""
+    """Returns the Charbonnier loss, which is a smooth variant of the mean absolute difference."""
     loss: torch.Tensor = torch.sqrt((image - target) ** 2 + 1e-6).mean()
     return loss
 
@@ -37,7 +38,7 @@ def fit(data: ubs.Dataset, steps: int) -> tuple[ubs.torch.Splats, list[float]]:
     for step in range(steps):
         view = int(torch.randint(len(targets), ()))
         rgb, alpha = splats(data.train[view].camera)
-        loss = charbonnier(rgb, targets[view]) + 1e-3 * alpha.mean()  # any function of both
+        loss = charbonnier(rgb, targets[view]) + 1e-3 * alpha.mean()  # may be any function of rgb and alpha
         adam.zero_grad()
         loss.backward()
         adam.step()

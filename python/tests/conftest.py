@@ -10,7 +10,8 @@ from pathlib import Path
 
 import pytest
 
-# Other tests compare devices with float64. Constants that were tuned on this machine must not be used.
+# These tests do not repeat the comparison of the device with float64, which other tests make. They also ignore
+# constants that were tuned for this machine, so that their results do not depend on it.
 os.environ.setdefault("UBS_CHECK", "off")
 os.environ["UBS_TUNING"] = "off"
 

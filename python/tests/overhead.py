@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Measures the overhead of a call of model.render: its time minus the time that the device needs for the same images.
-`ubs eval` measures the time of the device with the device's own timers. Usage: python overhead.py MODEL DATA [REPEATS],
-with the environment variable UBS_EXECUTABLE.
+`ubs eval` measures the time of the device with the device's own timers. Usage: python overhead.py MODEL DATA [REPEATS].
+The environment variable UBS_EXECUTABLE must contain the path of `ubs`.
 
-There are three kinds of calls. The first renders into a new array for each call, which includes the time of its page
-faults. The second renders into an existing array. The third leaves the image in the memory of the device. The kinds are
-measured in turn, and the minimum of several measurements is reported, because other work on the machine can only
-increase the times. With a model of one splat, almost all of the time is overhead."""
+The program measures three kinds of calls. The first kind renders into a new array, so its time includes the page faults
+of this array. The second kind renders into an existing array. The third kind leaves the image in the memory of the
+device. The kinds are measured in turn. The minimum of several measurements is reported, because other work on the
+machine can only increase the times. With a model of one splat, almost all of the time is overhead."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Compares the structs, functions and numbers in ubs/_abi.py with those of include/ubs/ubs.h."""
+"""Compares the structs, functions and constants in ubs/_abi.py with those of include/ubs/ubs.h."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ SCALARS: dict[str, Any] = {
 
 
 def fields_of(struct: str) -> list[tuple[str, Any]]:
-    """Returns names and types of the members of a struct of the header."""
+    """Returns the names and types of the members of a struct of the header."""
     body = re.search(rf"typedef struct {struct} {{(.*?)}} {struct};", HEADER, re.DOTALL)
     assert body, struct
     fields = []

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Tests falloffs that the user defines: compares the values and derivatives of expressions, and the images that devices
-render with them, with float64."""
+"""Tests falloffs that the user defines as expressions. The tests compare the values and derivatives of the expressions,
+and the images that devices render with them, with values in float64."""
 
 from __future__ import annotations
 
@@ -121,7 +121,8 @@ def test_a_device_that_differs_is_refused() -> None:
         ubs.Renderer(flat_model(), falloff=falloff)
 
 
-# A renderer compares the device with float64 when a falloff is first used.
+# A renderer compares the device with float64 when a falloff is used for the first time, and raises NumericalError if
+# they differ. So this test only has to create renderers.
 @pytest.mark.parametrize("text", EXPRESSIONS)
 @pytest.mark.parametrize("raster", ["cpu", "gpu"])
 def test_devices_agree_with_float64(text: str, raster: str) -> None:

@@ -29,7 +29,8 @@ def learnt(count: int, dictionary: Any = dict) -> Maker:
     }
     params = dictionary({name: torch.nn.Parameter(value) for name, value in values.items()})
     optimizers = {name: torch.optim.Adam([params[name]], lr=0.0) for name in values}
-    for name in values:  # moments that identify their Gaussian
+    # The gradient of Gaussian i is i + 1, so that moments() can tell from its moments to which Gaussian they belong.
+    for name in values:
         params[name].grad = torch.arange(1.0, count + 1).reshape(-1, *[1] * (params[name].dim() - 1)) + 0 * params[name]
         optimizers[name].step()
         optimizers[name].zero_grad(set_to_none=True)
@@ -65,12 +66,12 @@ def test_default_copies_splits_and_removes(dictionary: Any, packed: bool) -> Non
     strategy = DefaultStrategy(refine_start_iter=0, refine_every=10, reset_every=1000)
     params, optimizers = learnt(6, dictionary)
     with torch.no_grad():
-        params["scales"][2:4] = math.log(0.5)  # large
+        params["scales"][2:4] = math.log(0.5)  # large enough for a split
         params["opacities"][5] = -9
     strategy.check_sanity(params, optimizers)
     state = strategy.initialize_state(scene_scale=1.0)
-    # The gradients of Gaussians 1 and 2 are above the threshold, in units of half the image size and times the number
-    # of cameras. The gradient of Gaussian 0 is just below it.
+    # The strategy multiplies gradients by half the image size and by the number of cameras. The resulting gradients of
+    # Gaussians 1 and 2 are above the threshold, and the gradient of Gaussian 0 is just below the threshold.
     gradient = torch.tensor([[0.99e-5, 0], [0, 2.1e-5], [1.1e-5, 0], [0, 0], [0, 0], [0, 0]])
     before = {name: value.detach().clone() for name, value in params.items()}
     for step in (9, 10):
@@ -100,7 +101,8 @@ def test_default_resets_opacities_and_counts_radii() -> None:
         strategy.step_pre_backward(params, optimizers, state, step, info)
         (info["means2d"] * info["v"]).sum().backward()
         strategy.step_post_backward(params, optimizers, state, step, info)
-        if step == 9:  # a radius of 1 of 20 pixels is not above grow_scale2d, but 2 of 20 is
+        # In this image with a width of 20 pixels, a radius of 1 pixel is not above grow_scale2d, but 2 pixels are.
+        if step == 9:
             assert torch.equal(state["radii"], torch.full((3,), 0.05)) and state["count"].tolist() == [10.0] * 3
         if step == 10:
             assert len(params["means"]) == 3
@@ -130,13 +132,14 @@ def test_relocation_is_that_of_the_paper() -> None:
 
 
 def test_mcmc_moves_adds_and_shakes() -> None:
+    """Tests that MCMCStrategy relocates transparent Gaussians, adds new Gaussians, and adds noise to positions."""
     torch.manual_seed(1)
     strategy = MCMCStrategy(refine_start_iter=0, refine_every=10, cap_max=40, noise_lr=0.0)
     params, optimizers = learnt(40)
     with torch.no_grad():
         params["opacities"][:] = -9.0
         params["opacities"][[7, 8]] = 1.0
-        params["opacities"][3] = math.log(0.0051 / 0.9949)  # just alive
+        params["opacities"][3] = math.log(0.0051 / 0.9949)  # just opaque enough to stay
     strategy.check_sanity(params, optimizers)
     state = strategy.initialize_state()
     means = params["means"].detach().clone()
@@ -152,7 +155,7 @@ def test_mcmc_moves_adds_and_shakes() -> None:
         assert float(params["opacities"][mine][0]) < 1 and float(params["scales"][mine][0, 0]) < math.log(0.005)
     noted = moments(params, optimizers)
     assert float(noted[[i for i in range(40) if i != 3]].abs().max()) == 0
-    strategy.cap_max = 41  # one more, although up to 5 % more would be possible
+    strategy.cap_max = 41  # allows one more Gaussian, although a refinement could add up to 5 %
     strategy.step_post_backward(params, optimizers, state, 20, {}, lr=1.0)
     assert len(params["means"]) == 41 and moments(params, optimizers)[40] == 0
     together = (params["means"] == params["means"][40]).all(-1) & (params["opacities"] == params["opacities"][40])
@@ -172,7 +175,8 @@ def test_mcmc_moves_adds_and_shakes() -> None:
     assert torch.equal(params["means"], means)
     still.step_post_backward(params, optimizers, {}, 10, {}, lr=0.5)
     assert not torch.equal(params["means"], means)
-    # The standard deviation is s^2 = 4, times the factor 1 / (1 + exp(-0.5)) for an opacity near 0.
+    # Because noise_lr * lr is 1, the standard deviation of the movement is the variance s^2 = 4 of the Gaussian, times
+    # the factor 1 / (1 + exp(-0.5)) for an opacity near 0.
     assert 1.7 < float(moved[:21].std()) < 3.3
 
 
@@ -197,8 +201,8 @@ def test_mistakes_are_refused() -> None:
 
 @pytest.mark.parametrize("kind,packed", [("default", False), ("absgrad", True), ("mcmc", True)])
 def test_they_learn(kind: str, packed: bool) -> None:
-    """Trains with 3 views, starting from 40 Gaussians. Their number must grow, and the error must fall to a fraction of
-    the initial one."""
+    """Trains with 3 views, starting from 40 Gaussians. The number of Gaussians must grow, and the error must fall below
+    half of the initial error."""
     torch.manual_seed(0)
     viewmats, k = torch.eye(4).repeat(3, 1, 1), torch.tensor([[40.0, 0, 20], [0, 40, 20], [0, 0, 1]]).expand(3, 3, 3)
     for i in range(3):

@@ -45,13 +45,15 @@ def test_images_of_0_to_255_as_floats_are_refused(data: ubs.Dataset, model: ubs.
 
 def test_images_of_other_integers_are_refused(data: ubs.Dataset, model: ubs.Model) -> None:
     view = data.test[0]
-    wide = view.image.astype(np.int64)  # 0 to 255, which would be clamped to 1
+    wide = view.image.astype(np.int64)  # values from 0 to 255; as values from 0 to 1, most would be clamped to 1
     for call in (lambda: ubs.metrics.psnr(wide, wide // 2), lambda: ubs.loss(model, view.camera, wide)):
         with pytest.raises(ubs.UsageError, match="int64: pass uint8"):
             call()
 
 
 def test_what_c_would_read_otherwise_is_refused(data: ubs.Dataset, model: ubs.Model, tmp_path: Path) -> None:
+    """Tests that arguments are rejected if C would interpret them differently from Python: a negative number of steps,
+    and a path that contains a NUL character."""
     trainer = ubs.Trainer(data, **SETTINGS)
     with pytest.raises(ubs.UsageError, match="steps = -1"):
         trainer.run(-1)
@@ -119,6 +121,7 @@ def test_test_views_are_chosen_by_index_or_boolean(data: ubs.Dataset) -> None:
 def test_messages_speak_of_arguments(
     data: ubs.Dataset, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    """Tests that messages name Python arguments, and not options of the command line such as --device."""
     monkeypatch.delenv("UBS_LPIPS_WEIGHTS", raising=False)
     with pytest.raises(ubs.DeviceError) as error:
         ubs.train(data, device="H100")

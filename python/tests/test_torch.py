@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Tests gradients computed through PyTorch, and the example. Other tests compare the gradients of the library with
-float64."""
+"""Tests gradients that are computed through PyTorch, and the example torch_fit.py. Most of these tests compare with the
+gradients of the library, because other tests compare the library with float64."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def test_gradients_are_those_of_the_library(data: ubs.Dataset) -> None:
     weights = [torch.randn(40, 40, 3), torch.randn(40, 40)]
     rgb, alpha = splats(cameras[0])
     assert np.array_equal(rgb.detach().numpy(), model.render(cameras[0]))
-    other, _ = splats(cameras[1])  # rendered in between
+    other, _ = splats(cameras[1])  # another image is rendered before the gradient of the first one is computed
     ((rgb * weights[0]).sum() + (alpha * weights[1]).sum()).backward()
     expected = ubs.vjp(model, cameras[0], weights[0].numpy(), weights[1].numpy())
     for name, parameter in splats.named_parameters():
@@ -56,7 +56,7 @@ def test_a_gradient_does_not_render_the_image_again(
     data: ubs.Dataset, monkeypatch: pytest.MonkeyPatch, shared: bool
 ) -> None:
     splats = ubs.torch.Splats(ubs.train(data, iterations=30, init_points=300, dim=6))
-    if not shared:  # as with OpenCL on GPUs: values pass through host memory
+    if not shared:  # as with OpenCL on GPUs, values are copied through host memory
         splats._drawing.place = None
     cameras = [view.camera for view in data.test]
     weights = torch.randn(40, 40, 3), torch.randn(40, 40)
@@ -81,7 +81,7 @@ def test_a_gradient_does_not_render_the_image_again(
     again = gradient(first)  # after a gradient of alpha, the image must be rendered again
     assert rendered() == 1
     second, _ = splats(cameras[1])
-    after = gradient(first)  # the image on the device is the second one
+    after = gradient(first)  # the device holds the second image, so the first one must be rendered again
     other = gradient(second)
     assert rendered() == 3
     with torch.no_grad():
@@ -121,7 +121,7 @@ def test_the_drawing_of_jax_renders_once_for_a_gradient(data: ubs.Dataset, monke
     assert same(first, ubs.vjp(model, cameras[0], *v))
     assert same(gradient(cameras[0], arrays, 1), first)  # after a gradient of alpha, the image must be rendered again
     drawing.draw(cameras[0], arrays)
-    assert same(gradient(cameras[0], arrays, 1), first)  # the image was not rendered for a gradient
+    assert same(gradient(cameras[0], arrays, 1), first)  # the call of draw() did not announce a gradient
     drawing.draw(cameras[0], arrays, True)
     assert not same(gradient(cameras[1], arrays, 1), first)
     drawing.draw(cameras[0], arrays, True)
@@ -129,7 +129,7 @@ def test_the_drawing_of_jax_renders_once_for_a_gradient(data: ubs.Dataset, monke
     assert not same(gradient(cameras[0], moved, 1), first)
     drawing.draw(cameras[0], moved, True)
     drawing.put(arrays)
-    assert same(gradient(cameras[0], arrays, 1), first)  # the values have been replaced since
+    assert same(gradient(cameras[0], arrays, 1), first)  # put() has replaced the values after the image was rendered
 
 
 def test_threads_get_their_own_pictures_and_gradients(data: ubs.Dataset) -> None:
@@ -167,6 +167,7 @@ def test_parameters_of_one_splat_are_not_spread_over_all(data: ubs.Dataset) -> N
 
 
 def test_splats_come_and_go(data: ubs.Dataset) -> None:
+    """Tests Splats objects whose number of splats changes between two images."""
     model = ubs.train(data, iterations=30, init_points=300, dim=6)
     splats, camera = ubs.torch.Splats(model), data.test[0].camera
     weights = torch.randn(40, 40, 3)
@@ -234,7 +235,7 @@ def test_functions_of_raw_parameters(data: ubs.Dataset) -> None:
         sum(picture.sum() for picture in empty).backward()
         assert none["xyz"].grad is not None and none["xyz"].grad.shape == (0, 3)
     white = ubs.torch.render({name: tensor.detach()[:0] for name, tensor in tensors.items()}, camera, dim=7,
-                             conditioning="direct", background="white")  # a string, as in the settings
+                             conditioning="direct", background="white")  # a background may also be a string
     assert torch.equal(white[0], torch.ones(40, 40, 3)) and not white[1].any()
     with pytest.raises(ubs.UsageError, match="this variant has xyz, rgb"):
         ubs.torch.render({"xyz": tensors["xyz"]}, camera, dim=3)
@@ -265,7 +266,8 @@ def test_poses_may_be_larger_matrices_and_not_quite_rotations(data: ubs.Dataset)
         splats(camera, intrinsics=torch.zeros(3))
     with pytest.raises(ubs.UsageError, match="skew"):
         splats(camera, intrinsics=torch.tensor([[40.0, 5, 20], [0, 40, 20], [0, 0, 1]]))
-    # The gradient must be that of the nearest rotation. It is compared with differences in float64, entry by entry.
+    # If the matrix of a pose is not quite a rotation, ubs renders with the nearest rotation, and the gradient must take
+    # this into account. Each entry of the gradient is compared with a finite difference in float64.
     crooked = four[:3] + 0.02 * torch.randn(3, 4, dtype=torch.float64)
     pose = crooked.clone().requires_grad_()
     splats(camera, pose=pose)[0].sum().backward()
@@ -315,9 +317,9 @@ def test_gradients_of_depth_and_camera_are_those_of_the_library(data: ubs.Datase
     assert np.allclose(intrinsics.grad.numpy(), of_camera.intrinsics, rtol=1e-6)
 
 
-# Bounds of the relative error (2-norm) of a group of parameters. The errors observed on PoCL are 6.5e-5, 6.5e-5, 1.3e-4
-# and 3.9e-4, all of them in the gradient of the intrinsics that is computed from alpha. The gradients include the path
-# through the view direction.
+# Bounds of the relative error (2-norm) of the gradient of each parameter array and of the intrinsics. The keys are N
+# and the colour model. Each bound is twice the largest error observed on PoCL, which always occurs in the gradient of
+# the intrinsics if the loss depends on alpha only. The gradients include the path through the view direction.
 BOUNDS = {(3, "rgb"): 1.3e-4, (3, "sh3"): 1.3e-4, (6, "rgb"): 2.6e-4, (7, "rgb"): 7.8e-4}
 
 
@@ -385,7 +387,7 @@ def test_tensors_stay_in_device_memory(data: ubs.Dataset, monkeypatch: pytest.Mo
     assert len(_dlpack._handed_out) == before - 1
 
     def copied(*_: object) -> None:
-        raise AssertionError("values have passed through the host")
+        raise AssertionError("values were copied through host memory")
 
     monkeypatch.setattr(ubs.torch, "_array", copied)
     camera = data.test[0].camera
@@ -411,6 +413,7 @@ def test_tensors_stay_in_device_memory(data: ubs.Dataset, monkeypatch: pytest.Mo
 
 
 def test_a_pose_is_found_again(data: ubs.Dataset) -> None:
+    """Tests that Adam can recover a camera pose that was rotated and moved by a small amount."""
     model = ubs.train(data, iterations=500, init_points=1000, cap_max=1000, init_extent=1.3, dim=3)
     camera = data.train[0].camera
     truth = torch.from_numpy(model.render(camera))

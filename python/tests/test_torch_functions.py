@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Compares the functions of ubs.torch for projected splats and for conditioning with float64."""
+"""Compares two kinds of functions of ubs.torch with implementations in float64: those that render projected splats, and
+those that compute the conditioning."""
 
 from __future__ import annotations
 
@@ -43,7 +44,8 @@ def ellipses(n: int = 120, channels: int = 3, seed: int = 1) -> dict[str, Any]:
 
 def dense(means2d: Any, covs2d: Any, depths: Any, colors: Any, opacities: Any, background: Any, betas: Any = None,
           log2: Any = None) -> Any:
-    """Composites all splats in each pixel (docs/method.md 2.6), in the type of the tensors."""
+    """Blends all splats in each pixel as docs/method.md describes in section 2.6. Computes in the type of the tensors,
+    without tiles."""
     order = torch.argsort(depths)
     y, x = torch.meshgrid(torch.arange(HEIGHT) + 0.5, torch.arange(WIDTH) + 0.5, indexing="ij")
     d = torch.stack([x, y], -1).to(means2d)[None] - means2d[order, None, None]
@@ -75,7 +77,8 @@ def relative(mine: Any, truth: Any) -> float:
 
 
 def compared(given: dict[str, Any], mine: Any, truth: Any) -> dict[str, float]:
-    """Returns the errors of image, alpha, and the gradients of a sum over both, of float32 relative to float64."""
+    """Runs `mine` in float32 and `truth` in float64. Returns the relative errors (2-norm) of the image, of alpha, and
+    of the gradients of a loss that depends on both."""
     channels = given["colors"].shape[1]
     weights = torch.randn(HEIGHT, WIDTH, channels, generator=torch.Generator().manual_seed(2)), torch.rand(HEIGHT, WIDTH)
     results = []
@@ -91,8 +94,9 @@ def compared(given: dict[str, Any], mine: Any, truth: Any) -> dict[str, float]:
     return {name: relative(value, results[1][name]) for name, value in results[0].items()}
 
 
-# The errors observed on PoCL, for images and gradients, are 2.2e-7 with Gaussians. With Beta kernels the error is
-# 1.8e-5 for means2d, because 1 - r is at least 1e-5 in the slope (docs/method.md 3.1).
+# Bounds of the relative errors of gradients. With Gaussians, the largest error observed on PoCL is 2.2e-7 for images
+# and gradients. With Beta kernels, the largest error is 1.8e-5. It occurs in the gradient of means2d, because the slope
+# is computed with max(1 - r, 1e-5) (docs/method.md, section 3.1).
 BOUNDS = {"gaussian": 4.4e-7, "beta": 3.6e-5}
 
 
@@ -107,7 +111,8 @@ def test_ellipses_agree_with_float64(kernel: str, channels: int) -> None:
         assert error < (4.4e-7 if name in ("image", "alpha") else BOUNDS[kernel])
 
 
-# The errors observed on PoCL are 2.5e-7 for images and 2.0e-6 for gradients (means2d of the last expression).
+# The largest errors observed on PoCL are 2.5e-7 for images and 2.0e-6 for gradients. The latter occurs in the gradient
+# of means2d with the last expression.
 @pytest.mark.parametrize("text", EXPRESSIONS)
 def test_a_falloff_agrees_with_float64(text: str) -> None:
     mine, truth = partial(rasterize, falloff=text), partial(dense, log2=EXPRESSIONS[text])
@@ -166,7 +171,7 @@ def joint(dim: int, n: int = 40) -> tuple[Any, ...]:
 
 
 def by_inverse(means: Any, factor: Any, betas: Any, query: Any, weights: Any, whiten: bool) -> tuple[Any, Any, Any]:
-    """Computes docs/method.md 2.3 and 2.4 with the inverse of Sigma_q."""
+    """Computes the conditioning of docs/method.md, sections 2.3 and 2.4, with the inverse of Sigma_q."""
     sigma = factor @ factor.mT
     across, own = sigma[:, :3, 3:], sigma[:, 3:, 3:]
     x = (query - means[:, 3:])[..., None]
@@ -271,7 +276,8 @@ def by_functions(raw: dict[str, Any], camera: ubs.Camera, dim: int, direct: bool
     )
 
 
-# The errors observed on PoCL are 9.3e-7 for images and 2.6e-6 for gradients (of xyz with N = 7).
+# The largest errors observed on PoCL are 9.3e-7 for images and 2.6e-6 for gradients. The latter occurs in the gradient
+# of xyz with N = 7.
 @pytest.mark.parametrize("dim, conditioning", [(6, "covariance"), (7, "covariance"), (6, "direct"), (7, "direct")])
 def test_the_functions_together_are_the_method(folder: Path, dim: int, conditioning: str) -> None:
     data = ubs.Dataset.open(folder)

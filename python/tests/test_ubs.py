@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Compares the package with the executable: the same settings must give the same bits. Also tests its own
-guarantees."""
+"""Compares the package with the executable: the same settings must give bit-identical results. Also tests the
+guarantees that only the package makes, for example about copies, threads and exceptions."""
 
 from __future__ import annotations
 
@@ -133,7 +133,8 @@ def test_data_from_arrays(data: ubs.Dataset, model: ubs.Model) -> None:
     )
     assert [len(made.train), len(made.test)] == [8, 2]
     assert np.array_equal(made.test[1].image, data.test[1].image)
-    # Arrays are opaque, but the images of `data` are not.
+    # Images that are given as arrays are opaque, but the images of `data` have transparent pixels. Both settings are
+    # given explicitly, because their automatic values depend on this.
     trained = ubs.train(made, **SETTINGS, background=(0, 0, 0), random_background="off")
     for name, values in trained.parameters.items():
         assert np.array_equal(values, model.parameters[name])
@@ -163,7 +164,7 @@ def test_written_parameters_are_drawn(data: ubs.Dataset, model: ubs.Model) -> No
     values["xyz"][:] = model.parameters["xyz"]
     assert not np.array_equal(other.render(camera), after)
     assert np.array_equal(model.render(camera), before)
-    other.parameters["rgb"] = np.zeros_like(values["rgb"])  # was lost in earlier versions
+    other.parameters["rgb"] = np.zeros_like(values["rgb"])  # earlier versions ignored such an assignment
     assert not other.parameters["rgb"].any() and not values["rgb"].any()
     assert np.array_equal(other.render(camera), other.copy().render(camera))
     for name, wrong in (("rgb", np.zeros((1, 3))), ("colour", np.zeros(3))):
@@ -211,7 +212,8 @@ def test_splats_can_be_replaced_in_training(data: ubs.Dataset, tmp_path: Path) -
     back = np.argsort(order)
     parts.set_model(model, source=back)
     parts.run()
-    for name, values in whole.model.parameters.items():  # parameters and optimiser states have moved together
+    # The results are only equal if set_model() has reordered parameters and optimiser states in the same way.
+    for name, values in whole.model.parameters.items():
         assert np.array_equal(parts.model.parameters[name], values)
     forgot = ubs.Trainer(data, **settings)
     forgot.run(30)
@@ -266,8 +268,8 @@ def test_lpips_has_the_values_of_the_published_networks(monkeypatch: pytest.Monk
         pytest.skip(f"SKIPPED: no test data {folder}: set UBS_TEST_DATA to the folder that holds it")
     read = pytest.importorskip("matplotlib.image", reason="SKIPPED: matplotlib is not installed").imread
     truth, *images = (read(folder / "test_images" / f"ex_{name}.png")[..., :3] for name in ("ref", "p0", "p1"))
-    # The values are from torch 1.13 on a CPU, and are listed in the README of the data. As with the executable, an
-    # error of 2.1e-7 was observed.
+    # The expected values were computed with torch 1.13 on a CPU, and are listed in the README of the data. The largest
+    # error observed is 2.1e-7, which is also the error of the executable.
     for network, *expected in (("alex", 0.7218806, 0.1375656), ("squeeze", 0.7110476, 0.1479016)):
         found = [ubs.metrics.lpips(truth, image, network, weights=folder) for image in images]
         assert found == pytest.approx(expected, rel=0, abs=4e-7)
@@ -427,7 +429,7 @@ def test_data_are_read_with_the_settings_of_their_opening(
         message = f"{key} = {as_text(value)} has no effect here, because the data .* with {opened}"
         with pytest.raises(ubs.UsageError, match=message):
             ubs.Trainer(data, **{**SETTINGS, key: value})
-    # An automatic value is the one chosen when the data were opened.
+    # If a trainer gets no value of such a setting, it uses the value with which the data were opened.
     trained = ubs.train(ubs.Dataset.open(folder, background=(1, 1, 1)), **{**SETTINGS, "iterations": 1})
     trained.save(tmp_path / "white.ply")
     assert b"background=1,1,1 " in (tmp_path / "white.ply").read_bytes()
@@ -514,7 +516,7 @@ def test_a_picture_that_was_not_copied_keeps_its_memory(data: ubs.Dataset, model
         seen = model.render(camera, copy=False)
     except ubs.UsageError:
         pytest.skip("SKIPPED: the device does not provide addresses of its memory")
-    large = model.render(other)  # with another renderer
+    large = model.render(other)  # must use another renderer, because `seen` uses memory of the first one
     assert np.array_equal(seen, expected)
     assert np.array_equal(model.render(other), large)
     renderer = ubs.Renderer(model, gradients=True)

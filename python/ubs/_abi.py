@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Internal: the C interface of the library (include/ubs/ubs.h) in ctypes: structs, functions, handles."""
+"""Declares the C interface of the library (include/ubs/ubs.h) for ctypes: its structs, functions and handles. This
+module is internal to the package."""
 
 from __future__ import annotations
 
@@ -158,7 +159,7 @@ class Array(Struct):
     ]
 
 
-# In the order of ubs_array_name
+# The names of a renderer's arrays, in the order of the enumeration ubs_array_name
 ARRAYS = ("parameters", "rgb", "transmittance", "depth", "v_rgb", "gradient", "extents", "v_means2d")
 
 
@@ -213,7 +214,7 @@ def _of(kind: str) -> Any:
 _KINDS = ("device", "settings", "data", "model", "renderer", "trainer", "meter")
 _device, _settings, _data, _model, _renderer, _trainer, _meter = (_of(kind) for kind in _KINDS)
 _out = POINTER(c_void_p)
-# All of these return a status.
+# The argument types of the functions. Each function returns a status.
 _FUNCTIONS: dict[str, list[Any]] = {
     "device_count": [POINTER(c_size_t)],
     "device_describe": [c_size_t, POINTER(DeviceInfo)],
@@ -286,7 +287,8 @@ _LIMITS = {c_int: (-(2**31), 2**31), c_int32: (-(2**31), 2**31), c_uint: (0, 2**
 
 
 def _check_integers(name: str, arguments: tuple[Any, ...]) -> None:
-    """Raises UsageError for integers that do not fit, because ctypes would pass their lower bits."""
+    """Raises UsageError for integers that do not fit into the type of their argument. ctypes would not raise an error,
+    but pass only the lower bits."""
     for kind, value in zip(_FUNCTIONS[name], arguments):
         if kind in _LIMITS and hasattr(value, "__index__"):
             low, end = _LIMITS[kind]
@@ -294,8 +296,8 @@ def _check_integers(name: str, arguments: tuple[Any, ...]) -> None:
                 raise UsageError(f"ubs_{name}: {value} is not an integer from {low} to {end - 1}")
 
 
-# Drivers have threads, which do not exist in a forked process, so the first call to a driver would wait forever.
-# Functions that only use the host work.
+# Names of functions that use a driver start with one of these words. Drivers have threads, which do not exist in a
+# forked process, so the first call to a driver would wait forever. Functions that only use the host work after a fork.
 _DRIVEN = ("device", "renderer", "trainer", "meter")
 _drivers_are_loaded = _drivers_are_lost = False
 
@@ -314,8 +316,8 @@ def call(name: str, *arguments: Any) -> None:
     if name.startswith(_DRIVEN):
         if _drivers_are_lost:
             raise DeviceError(
-                "this process was forked from one that had used a device, and drivers do not work in it: start it "
-                'with multiprocessing.get_context("spawn"), or use devices first after the fork'
+                "this process was forked from a process that had used a device, so device drivers do not work in it: "
+                'start it with multiprocessing.get_context("spawn"), or do not use a device before the fork'
             )
         _drivers_are_loaded = True
     _check_integers(name, arguments)
@@ -326,11 +328,12 @@ def call(name: str, *arguments: Any) -> None:
 
 
 class Handle:
-    """Owns a handle of the library."""
+    """Owns a handle of the library, and frees the handle when this object is deleted."""
 
     def __init__(self, kind: str, maker: str, *arguments: Any) -> None:
         self._kind = kind
-        # The value that ctypes passes. Calls take this object as argument, so that it exists until they return.
+        # The value that ctypes passes to the library. Callers pass the Handle object itself to call(), so that the
+        # handle is not freed before the call returns.
         self._as_parameter_ = c_void_p()
         call(maker, *arguments, ctypes.byref(self._as_parameter_))
 
@@ -364,5 +367,6 @@ _library.ubs_set_log(_log, None)
 
 
 @atexit.register
-def _no_log() -> None:  # the interpreter ends before the library is unloaded
+def _no_log() -> None:
+    """Removes the log function, because the library is unloaded after the interpreter has ended."""
     _library.ubs_set_log(LogFunction(0), None)

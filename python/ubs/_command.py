@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The command `ubs` that pip installs: runs the executable of the package."""
+"""Implements the command `ubs` that pip installs. It runs the executable that the package contains."""
 
 from __future__ import annotations
 

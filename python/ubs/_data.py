@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Cameras, views, data sets."""
+"""Defines the classes of cameras, views and data sets."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def c_pointer(array: npt.NDArray[Any] | None) -> int | None:
 
 
 def floats(values: npt.ArrayLike, shape: tuple[int, ...], what: str) -> FloatArray:
-    """Returns values as a tightly packed float32 array. Raises UsageError for another shape."""
+    """Returns the values as a contiguous float32 array. Raises UsageError if they do not have this shape."""
     array = np.ascontiguousarray(values, dtype=np.float32)
     if array.shape != shape:
         raise UsageError(f"{what} has the shape {array.shape}, not {shape}")
@@ -33,8 +33,8 @@ def floats(values: npt.ArrayLike, shape: tuple[int, ...], what: str) -> FloatArr
 
 
 def check_range(array: npt.NDArray[Any], what: str) -> None:
-    """Raises UsageError if floating-point values have another range than 0 to 1, such as 0 to 255. Values slightly
-    outside of 0 to 1 are accepted, because rendered images may contain them."""
+    """Raises UsageError if floating-point values apparently have another range than 0 to 1, such as 0 to 255. Values
+    from -1 to 2 are accepted, because rendered images may contain values outside of 0 to 1."""
     if array.size and (array.min() < -1 or array.max() > 2):
         raise UsageError(
             f"{what} has values from {array.min():.4g} to {array.max():.4g}: pass uint8, or floating point from 0 to 1"
@@ -91,8 +91,9 @@ class Camera:
     def from_matrix(
         world_to_camera: npt.ArrayLike, intrinsics: npt.ArrayLike, width: int, height: int, time: float = 0.0
     ) -> Camera:
-        """Makes a camera. world_to_camera: (3, 4), or (4, 4) with the last row 0 0 0 1. intrinsics: (fx, fy, cx, cy), or
-        the matrix (3, 3), without skew and with the last row 0 0 1. UsageError for other matrices."""
+        """Makes a camera. world_to_camera: (3, 4), or (4, 4) with the last row 0 0 0 1. intrinsics: (fx, fy, cx, cy),
+        or the matrix (3, 3), without skew and with the last row 0 0 1. Raises UsageError for other intrinsics. A wrong
+        world_to_camera raises UsageError when the camera is used."""
         k = np.asarray(intrinsics, dtype=np.float64)
         if k.shape == (3, 3):
             if np.abs(k[0, 1]) > 1e-6 * np.abs(k[0, 0]) or k[1, 0] != 0:
@@ -120,7 +121,7 @@ class Camera:
         c = _abi.Camera(fx=self.fx, fy=self.fy, cx=self.cx, cy=self.cy, time=self.time)
         if not (isinstance(self.width, (int, np.integer)) and isinstance(self.height, (int, np.integer))):
             raise UsageError(f"the camera: width and height must be integers, not {self.width} and {self.height}")
-        if max(abs(self.width), abs(self.height)) >= 2**31:  # ctypes would take the lower bits
+        if max(abs(self.width), abs(self.height)) >= 2**31:  # ctypes would only pass the lower bits
             raise UsageError(f"the camera: the image size {self.width}x{self.height} is not possible")
         c.width, c.height = int(self.width), int(self.height)
         c.world_to_camera[:] = [float(v) for v in matrix.ravel()]
@@ -148,7 +149,7 @@ class Camera:
 
 @dataclass(frozen=True)
 class View:
-    """A view of a data set: name, camera, and its image if it has one."""
+    """A view of a data set: its name, its camera, and its image and mask if they exist."""
 
     name: str
     camera: Camera
@@ -160,12 +161,13 @@ class View:
 
     @property
     def image(self) -> ByteArray:
-        """The image, (H, W, 3). It is decoded now if the data set does not keep it in memory."""
+        """The image (H, W, 3) as uint8. Each access decodes the image, unless the data set keeps it in memory."""
         return self._load()[0]
 
     @property
     def mask(self) -> ByteArray:
-        """The mask, (H, W), where 0 means that the pixel does not count. 255 everywhere if the view has no mask."""
+        """The mask (H, W) as uint8. Pixels with the value 0 are ignored. If the view has no mask, all values are
+        255."""
         return self._load()[1]
 
     def _load(self) -> tuple[ByteArray, ByteArray]:
@@ -183,8 +185,9 @@ class View:
 
 
 class Dataset(_abi.Handle):
-    """Views with cameras and images in the splits "train", "test" and "val". Created by open(), from_arrays() or
-    synth(). len() is the number of all views, and iteration returns them in this order.
+    """A data set: views with cameras and images in the splits "train", "test" and "val". open(), from_arrays() and
+    synth() create data sets. len() is the number of all views. An iteration returns the views in the order of these
+    splits.
 
     A copied or unpickled data set opens the same files again, and has copies of the views and points that were
     added."""
@@ -197,8 +200,8 @@ class Dataset(_abi.Handle):
 
     @classmethod
     def open(cls, path: os.PathLike[str] | str, **settings: Any) -> Dataset:
-        """Opens a folder of any layout that ubs supports, or a packed file. `settings`: background, downscale, layout,
-        test_every, frames and so on."""
+        """Opens a folder of any layout that ubs supports, or a packed file. `settings` are those that affect how data
+        are read, such as background, downscale, layout, test_every and frames."""
         data = cls.__new__(cls)
         given = Settings(settings, use=_abi.USE_DATA)
         _abi.Handle.__init__(data, "data", "data_open", _abi.path_bytes(path), given)
@@ -248,8 +251,8 @@ class Dataset(_abi.Handle):
 
         images: V arrays of (H, W, 3), uint8 or floating point from 0 to 1, already composited on their background.
         world_to_camera: (V, 3, 4). intrinsics: (3, 3) or (fx, fy, cx, cy), or V of them. times: (V,), 0 to 1.
-        masks: V arrays of (H, W), where 0 means that a pixel does not count. points: (P, 3) and colours: (P, 3) uint8,
-        for the initial model. test: the views that are used for evaluation and not for training, as indices or as V
+        masks: V arrays of (H, W); pixels with the value 0 are ignored. points: (P, 3) and colours: (P, 3) uint8, for
+        the initial model. test: the views that are used for evaluation and not for training, as indices or as V
         booleans."""
         count = len(images)
         poses = np.asarray(world_to_camera, dtype=np.float64)
@@ -302,7 +305,8 @@ class Dataset(_abi.Handle):
         mask: npt.ArrayLike | None = None,
         name: str | None = None,
     ) -> None:
-        """Appends a view. image: (H, W, 3), mask: (H, W). `name`: unique in its split; by default the view's number."""
+        """Appends a view. image: (H, W, 3), uint8 or floating point from 0 to 1. mask: (H, W); pixels with the value 0
+        are ignored. name: must be unique in its split; the default is the number of the view."""
         size = (camera.height, camera.width)
         rgb = None if image is None else image_bytes(image, (*size, 3), "the image")
         counts = None
@@ -322,7 +326,8 @@ class Dataset(_abi.Handle):
         )
 
     def set_points(self, points: npt.ArrayLike, colours: npt.ArrayLike | None = None) -> None:
-        """Sets the points that training starts from: (P, 3) in the world, and their colours (P, 3) uint8."""
+        """Sets the points from which the initial model is made. points: positions (P, 3) in world coordinates. colours:
+        (P, 3), uint8 or floating point from 0 to 1."""
         positions = np.ascontiguousarray(points, dtype=np.float32)
         if positions.ndim != 2 or positions.shape[1] != 3:
             raise UsageError(f"points has the shape {positions.shape}, not (P, 3)")
@@ -331,7 +336,7 @@ class Dataset(_abi.Handle):
         self._points = (positions, rgb)
 
     def views(self, split: str) -> list[View]:
-        """Returns the views of a split; an empty list if there is no such split."""
+        """Returns the views of a split, or an empty list if the data set has no views in this split."""
         count = ctypes.c_size_t()
         _abi.call("data_view_count", self, split.encode(), ctypes.byref(count))
         found = []
@@ -386,12 +391,13 @@ def synth(
     """Makes a procedural scene with exact cameras, as `ubs synth` does, and opens it.
 
     scene: "glossy" (static, with reflections), "orbit" (dynamic) or "cloud" (a volume). size: side of the images in
-    pixels, or (width, height). supersampling: rays per pixel along each axis. out: a folder for the files; None: they
-    are temporary. overwrite: replace an earlier scene in `out`. Takes about a second for the default values."""
+    pixels, or (width, height). supersampling: rays per pixel along each axis. out: a folder for the files; with None,
+    the files are in a temporary folder, which is deleted together with the data set. overwrite: replace an earlier
+    scene in `out`. With the default values, the call takes about a second."""
     again = {"size": size, "views": views, "test_views": test_views, "val_views": val_views,
              "supersampling": supersampling, "seed": seed}
     width, height = (size, size) if isinstance(size, int) else size
-    # name, value, minimum
+    # Each entry contains the name of an argument, its value, and its minimum.
     integers = [("views", views, 1), ("test_views", test_views, 0), ("val_views", val_views, 0), ("width", width, 1),
                 ("height", height, 1), ("supersampling", supersampling, 1), ("seed", seed, 0)]
     for name, value, least in integers:

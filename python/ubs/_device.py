@@ -15,7 +15,7 @@ from ._errors import DeviceError
 
 @dataclass(frozen=True)
 class DeviceInfo:
-    """A device as listed by `ubs devices`; sizes in bytes."""
+    """The description of a device, as `ubs devices` lists it. Sizes are in bytes."""
 
     index: int
     name: str
@@ -24,7 +24,7 @@ class DeviceInfo:
     vendor: str
     driver: str
     type: str
-    """cpu, gpu or accelerator."""
+    """The type of the device: "cpu", "gpu" or "accelerator"."""
     compute_units: int
     memory_bytes: int
     max_allocation_bytes: int
@@ -63,7 +63,7 @@ def request_text(request: Union[str, int, None]) -> str:
     if isinstance(request, str):
         return request
     if isinstance(request, (int, np.integer)) and not isinstance(request, bool):
-        if request < 0:  # the library would look for its text in device names
+        if request < 0:  # the library would search for a text such as "-1" in the names of devices
             raise DeviceError(f"there is no device {request}")
         return str(int(request))
     raise TypeError(f"a device is an index, a text or a ubs.Device, not {type(request).__name__}")

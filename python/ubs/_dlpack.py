@@ -61,7 +61,8 @@ _deleter, _destructor = _function(_give_back), _function(_capsule_dies)
 
 
 class DeviceArray:
-    """float32 values in the memory of a device. They belong to the renderer, which this object keeps alive."""
+    """An array of float32 values in the memory of a device. The values belong to a renderer, which this object keeps
+    alive."""
 
     def __init__(self, owner: object, array: _abi.Array) -> None:
         self._owner = owner
@@ -70,7 +71,7 @@ class DeviceArray:
 
     @property
     def address(self) -> int:
-        """Address of the first value, on the device."""
+        """The address of the first value in the memory of the device."""
         return int(self._array.values)
 
     def __dlpack_device__(self) -> tuple[int, int]:

@@ -31,7 +31,7 @@ class Drawing:
     def _make(self) -> None:
         self.values = self.model.parameters
         self.renderer = Renderer(self.model, self.device, depth=self.depth, gradients=True, **self.settings)
-        # Device in the terms of DLPack, if other packages can access its memory.
+        # The device as DLPack describes it (type and number), or None if other packages cannot access its memory.
         self.place: tuple[int, int] | None = None
         try:
             self.place = self.renderer.array("parameters").__dlpack_device__()
@@ -42,14 +42,16 @@ class Drawing:
         return Drawing, (self.model, self.device, self.depth, self.settings)
 
     def resize(self, shapes: Sequence[Sequence[int]]) -> None:
-        """Changes the number of splats to that of parameters with these shapes, which are in the order of names.
-        Raises UsageError if the shapes are not consistent with each other."""
+        """Changes the number of splats so that parameters with these shapes fit. The shapes are in the order of
+        self.names. Raises UsageError if they have different numbers of splats or wrong widths."""
         self.kept = None
         splats = shapes[0][0] if len(shapes[0]) == 2 else -1
         for name, shape in zip(self.names, shapes):
             expected = (splats, self.values[name].shape[1])
             if tuple(shape) != expected:
-                raise UsageError(f"{name} has the shape {tuple(shape)}, not {expected}, as {self.names[0]} has {splats} splats")
+                raise UsageError(
+                    f"{name} has the shape {tuple(shape)}, not {expected}, because {self.names[0]} has {splats} splats"
+                )
         if splats == len(self.model):
             return
         if splats <= self.renderer.capacity:
@@ -76,8 +78,8 @@ class Drawing:
     def differentiate(
         self, camera: Camera, arrays: Sequence[FloatArray], v_pictures: Sequence[FloatArray]
     ) -> dict[str, FloatArray]:
-        """Returns the gradients of the parameters. Renders again, unless the last image is that of draw() with
-        for_gradient, this camera and these values."""
+        """Returns the gradients of the parameters. Renders the image again, unless the device still has the data of the
+        last image, and draw() rendered this image with for_gradient=True, with the same camera and the same values."""
         same = all(np.array_equal(self.values[name], array) for name, array in zip(self.names, arrays))
         if self.kept is not camera or not same:
             self.put(arrays)

@@ -5,39 +5,40 @@ from __future__ import annotations
 
 
 class Error(Exception):
-    """Base class of the errors that the library reports. The text is one line: what is wrong, where, and what to do."""
+    """Base class of the errors that the library reports. The text of an error is a single line. It describes the
+    error and its place, and often how to correct it."""
 
 
 class InternalError(Error):
-    """A bug in the library: please report it."""
+    """Raised if the library detects a bug in itself. Please report such an error."""
 
 
 class UsageError(Error, ValueError):
-    """Wrong arguments or settings."""
+    """Raised if an argument or a setting is wrong."""
 
 
 class DataError(Error):
-    """Unreadable, corrupt or inconsistent input, or a file that cannot be written."""
+    """Raised if input is unreadable, corrupt or inconsistent, or if a file cannot be written."""
 
 
 class DeviceError(Error):
-    """No such device, or a failure of its driver."""
+    """Raised if a requested device does not exist, or if its driver fails."""
 
 
 class BuildError(Error):
-    """Kernels do not compile on this device."""
+    """Raised if the driver of a device cannot compile the kernels."""
 
 
 class OutOfMemoryError(Error, MemoryError):
-    """Not enough memory, of the host or the device."""
+    """Raised if the memory of the host or of the device is not sufficient."""
 
 
 class NumericalError(Error, ArithmeticError):
-    """A value that is not finite."""
+    """Raised if a value is not finite."""
 
 
 class FaultyDeviceError(DeviceError):
-    """A device that computes wrong results."""
+    """Raised if a device computes wrong results."""
 
 
 BY_STATUS: dict[int, type[Error]] = {

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The falloff of splats as an expression. Converts the expression to C for the kernels, computes its
-derivatives, evaluates it in float64, and compares the results of a device with these values."""
+"""Defines Falloff, which describes the falloff of splats by an expression. This module converts the expression to C for
+the kernels, computes its derivatives, evaluates it in float64, and compares the results of a device with these
+values."""
 
 from __future__ import annotations
 
@@ -15,15 +16,20 @@ from ._data import Camera, FloatArray
 from ._errors import NumericalError, UsageError
 
 # A node of an expression: an operation and its operands, such as ("*", ("number", 2.0), ("r",)). The operations are
-# number, r, beta, + - * / of two nodes, those of FUNCTIONS, and less: ("less", a, b, x, y) is x where a < b, else y.
+# "number", "r", "beta", "+", "-", "*" and "/" of two nodes, the names in FUNCTIONS, and "less". The value of
+# ("less", a, b, x, y) is x where a < b, and y elsewhere.
 Node = tuple[Any, ...]
 LOG2E = 1 / math.log(2)
-MOST_CHARACTERS = 4000  # maximum length of an expression in C; drivers limit the length of their options
-# The kernels evaluate an expression up to the first of these fractions of the support, and its slope up to the second
+# The maximum length of an expression in C. Expressions are passed in options of the compiler, and drivers limit the
+# length of options.
+MOST_CHARACTERS = 4000
+# The kernels evaluate an expression for r up to END times the support, and its slope for r up to RIM times the support
 # (own_inside() in kernels/math/blend.h).
 END, RIM = 1 - 1e-6, 1 - 1e-5
 ALPHA_MAX = 0.999  # UBS_ALPHA_MAX of kernels/limits.h
-MOST_ERROR = 1e-4, 1e-3  # of alpha, and of gradients (relative error); observed in the tests: 2.5e-6 and 1.5e-5
+# The largest allowed absolute error of alpha, and the largest allowed relative error of gradients. The errors observed
+# in the tests are 2.5e-6 and 1.5e-5.
+MOST_ERROR = 1e-4, 1e-3
 
 
 def _number(value: float) -> Node:
@@ -57,9 +63,9 @@ def _divide(a: Node, b: Node) -> Node:
 
 
 class _Function(NamedTuple):
-    code: str  # in the language of kernels/
-    value: Callable[[Any], Any]
-    slope: Callable[[Node], Node]
+    code: str  # the call of the function in the language of kernels/, with {} in place of the operand
+    value: Callable[[Any], Any]  # computes the function with NumPy
+    slope: Callable[[Node], Node]  # returns the derivative as a node
 
 
 FUNCTIONS = {
@@ -129,13 +135,13 @@ def _parsed(text: str) -> Node:
     except (ValueError, RecursionError, MemoryError) as error:
         wrong = f"'{error}' is not allowed" if isinstance(error, ValueError) else "it is nested too deeply"
     raise UsageError(
-        f"falloff '{text[:200]}': {wrong}. An expression has r, beta, numbers, + - * / **, x if a < b else y, abs, min, "
-        f"max, {', '.join(FUNCTIONS)}"
+        f"falloff '{text[:200]}': {wrong}. An expression may contain r, beta, numbers, + - * / **, x if a < b else y, "
+        f"abs, min, max, {', '.join(FUNCTIONS)}"
     )
 
 
 def _code(node: Node) -> str:
-    """Returns C code without blanks, because it is passed to a compiler as an option."""
+    """Returns the expression as C code. The code has no blanks, because it is passed to a compiler in an option."""
     name, *operands = node
     if name == "number":
         return f"V({node[1]!r})" if node[1] >= 0 else f"(-V({-node[1]!r}))"
@@ -187,20 +193,23 @@ def _mentions(node: Node, name: str) -> bool:
 class Falloff:
     """Describes how the opacity of a splat decreases with the distance from its centre, instead of (1 - r)^beta.
 
-    `log2` is an expression of r, the squared distance in units of the ellipse, d^T cov^-1 d, and of the splat's beta.
-    At r the opacity is multiplied by 2^log2. An expression without beta is multiplied by beta, so "log2_1m(r * r)" gives
-    (1 - r^2)^beta. log2_1m(x) is log2(1 - x), without the rounding error of 1 - x where x is small. An expression may
-    use numbers, + - * / **, `x if a < b else y`, exp, exp2, log, log2, log2_1m, sqrt, sin, cos, abs, min and max. The
-    kernels compute with float32, and results below 2^-126 become 2^-126.
+    `log2` is an expression of r and beta. r = d^T cov^-1 d is the squared distance from the centre in units of the
+    ellipse, and beta is the parameter of the splat. At a distance with the value r, the opacity of the splat is
+    multiplied by 2^log2. An expression without beta is multiplied by beta, so "log2_1m(r * r)" gives (1 - r^2)^beta.
+    log2_1m(x) is log2(1 - x), without the rounding error of 1 - x for small x. An expression may use numbers,
+    + - * / **, `x if a < b else y`, exp, exp2, log, log2, log2_1m, sqrt, sin, cos, abs, min and max. The kernels
+    compute with float32, and results below 2^-126 become 2^-126.
 
-    `slope` is the derivative of `log2` with respect to r. If it is None, it is derived from the expression. Splats end
-    where r is equal to `support`, and log2 is evaluated only for smaller values of r. If the support is larger than 1,
-    the ellipse of a splat can represent its standard deviations. For example, with a beta of 1,
+    `slope` is an expression for the derivative of `log2` with respect to r. If `slope` is None, the derivative is
+    computed from `log2`. Splats end where r is equal to `support`, and log2 is evaluated only for smaller values of r.
+    With a support of 1, the ellipse of a splat is its boundary. With a larger support, the splat extends beyond this
+    ellipse, so the ellipse can be that of the standard deviations. For example, with a beta of 1,
     Falloff("-0.7213475 * r", support=11.0889) is a Gaussian that ends at 3.33 standard deviations.
 
-    The kernels are compiled, and compared with float64, when a falloff is first used on a device. Raises UsageError for
-    a wrong expression, and NumericalError if a value between 0 and the support is not finite, if the slope is not the
-    derivative of the expression, or if the results of the device differ from float64."""
+    When a falloff is used for the first time on a device, its kernels are compiled, and their results are compared with
+    float64. A wrong expression raises UsageError. NumericalError is raised if a value between 0 and the support is not
+    finite, if the slope is not the derivative of the expression, or if the results of the device differ from
+    float64."""
 
     def __init__(self, log2: str, slope: str | None = None, *, support: float = 1.0) -> None:
         self.log2, self.slope, self.support = log2, slope, float(support)
@@ -214,7 +223,7 @@ class Falloff:
         self._beta_slope = _derivative(self._log2, "beta")
         self.code = tuple(_code(node) for node in (self._log2, self._r_slope, self._beta_slope))
         if max(map(len, self.code)) > MOST_CHARACTERS:
-            raise UsageError(f"falloff '{log2[:200]}': its derivative is too long; give the slope in a shorter form")
+            raise UsageError(f"falloff '{log2[:200]}': its derivative is too long: pass a shorter slope")
         self._check_values()
 
     def __repr__(self) -> str:
@@ -276,7 +285,7 @@ class Falloff:
         camera = Camera.from_matrix(np.eye(4), (depth, depth, width / 2, height / 2), width, height)
         y, x = np.mgrid[:height, :width] + 0.5
         d = centre[:, None, None] - np.stack([x, y], -1)
-        p = d[..., 0] / scale[:, 0, None, None]  # the factor of the covariance is [[s0, 0], [shear, s1]]
+        p = d[..., 0] / scale[:, 0, None, None]  # the Cholesky factor of cov is [[s0, 0], [shear, s1]]
         q = (d[..., 1] - shear[:, None, None] * p) / scale[:, 1, None, None]
         r = p * p + q * q
         inside = r < self.support
@@ -311,8 +320,8 @@ class Falloff:
         for what, (error, most) in errors.items():
             if not error <= most:
                 raise NumericalError(
-                    f"falloff '{self.log2}': {what} on {name} differs from float64 by {error:.3g}, and {most:g} is allowed: "
-                    "write the expression so that it does not cancel in float32"
+                    f"falloff '{self.log2}': {what} on {name} differs from float64 by {error:.3g}, but at most "
+                    f"{most:g} is allowed: rewrite the expression to avoid cancellation in float32"
                 )
 
     def to_c(self) -> _abi.Falloff:

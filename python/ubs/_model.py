@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Models, renderers and gradients."""
+"""Defines models and renderers, and the functions that compute gradients."""
 
 from __future__ import annotations
 
@@ -29,27 +29,30 @@ class Image:
     """A rendered view."""
 
     rgb: FloatArray
-    """(H, W, 3), not clamped."""
+    """The colours (H, W, 3). They are not clamped to the range from 0 to 1."""
     alpha: FloatArray
-    """(H, W)."""
+    """The opacity of each pixel (H, W), from 0 to 1."""
     depth: FloatArray | None
-    """(H, W), expected depth in units of the world, if requested."""
+    """The expected depth of each pixel (H, W) in units of the world, or None if it was not requested."""
 
 
 @dataclass(frozen=True, eq=False)
 class CameraGradient:
-    """Gradient with respect to a camera, restricted to changes that keep its rotation matrix a rotation."""
+    """The gradient with respect to a camera. It only considers changes of the camera after which its rotation matrix is
+    still a rotation."""
 
     pose: npt.NDArray[np.float64]
-    """(6,), for motions in the camera's frame: rotations w about its axes [1/rad], then translations u along them,
-    (R, t) -> (exp([w]) R, exp([w]) t + u)."""
+    """The gradient (6,) with respect to a motion in the coordinate system of the camera. The first three values belong
+    to rotations w about the axes of the camera [1/rad], and the last three values to translations u along these axes.
+    The motion changes the pose (R, t) to (exp([w]) R, exp([w]) t + u)."""
     world_to_camera: npt.NDArray[np.float64]
-    """(3, 4), for the matrix, with the same restriction."""
+    """The gradient (3, 4) with respect to the matrix, with the same restriction to rotations."""
     intrinsics: npt.NDArray[np.float64]
-    """(4,): fx, fy, cx, cy."""
+    """The gradient (4,) with respect to fx, fy, cx and cy."""
     time: float
+    """The gradient with respect to the time."""
     extra: npt.NDArray[np.float64]
-    """(4,), for further query values."""
+    """The gradient (4,) with respect to further query values."""
 
 
 @dataclass(frozen=True)
@@ -92,7 +95,7 @@ class Model(_abi.Handle):
     def __init__(self, maker: str, *arguments: Any) -> None:
         super().__init__("model", maker, *arguments)
         self._renderers: dict[tuple[Device, int], Renderer] = {}
-        self._handed_out = False  # parameters were returned and may be written at any time
+        self._handed_out = False  # True after the caller got parameters, because it may write them at any time
 
     @staticmethod
     def load(path: os.PathLike[str] | str) -> Model:
@@ -101,7 +104,8 @@ class Model(_abi.Handle):
 
     @staticmethod
     def empty(dim: int, splats: int, **settings: Any) -> Model:
-        """Returns a model whose raw parameters are all 0. `settings`: variant of the model, background, and so on."""
+        """Returns a model whose raw parameters are all 0. `settings` are those that a model file stores, such as the
+        variant of the model and the background."""
         return Model("model_create", Settings({"dim": dim, **settings}, use=_abi.USE_MODEL), splats)
 
     @staticmethod
@@ -114,8 +118,8 @@ class Model(_abi.Handle):
         return Model("model_copy", self)
 
     def like(self, splats: int) -> Model:
-        """Returns a model of `splats` splats whose parameters are all 0, with everything else as in this model:
-        dimension, variant, offset, and the settings for rendering."""
+        """Returns a model with `splats` splats, whose raw parameters are all 0. Its dimension, its variant, its offset
+        and its settings for rendering are those of this model."""
         return Model("model_create_like", self, splats)
 
     def __copy__(self) -> Model:
@@ -148,17 +152,18 @@ class Model(_abi.Handle):
 
     @property
     def dim(self) -> int:
-        """N, the number of dimensions of a splat; that of the first group if groups differ."""
+        """N, the number of dimensions of a splat. If the splats have different dimensions, this is N of the first
+        group."""
         return int(self._info().dim)
 
     @property
     def form(self) -> str:
-        """"default", or the settings of the variant that differ from it."""
+        """The variant of the model: "default", or the settings that differ from those of the default variant."""
         return _abi.text(self._info().form)
 
     @property
     def offset(self) -> npt.NDArray[np.float64]:
-        """(3,): positions of splats are relative to the offset, world = xyz + offset."""
+        """The offset (3,) that must be added to the positions of splats: world = xyz + offset."""
         return np.array(self._info().offset[:])
 
     def __len__(self) -> int:
@@ -176,7 +181,8 @@ class Model(_abi.Handle):
 
     @property
     def groups(self) -> list[Parameters]:
-        """Like parameters, for the splats of each dimension."""
+        """A list with the raw parameters of each group, as `parameters` returns them. A group consists of the splats
+        with the same number of dimensions."""
         self._handed_out = True
         return [Parameters(group) for group in self._values()]
 
@@ -197,7 +203,8 @@ class Model(_abi.Handle):
         return found
 
     def renderer(self, device: DeviceLike = None, *, depth: bool = False, gradients: bool = False) -> Renderer:
-        """Returns a renderer with the current values of the model. The model keeps it for the next call."""
+        """Returns a renderer with the current values of the model. The model keeps this renderer, and returns it again
+        if the next call has the same arguments."""
         where = opened(device)
         flags = (_abi.RENDER_DEPTH if depth else 0) | (_abi.RENDER_GRADIENTS if gradients else 0)
         key = (where, flags)
@@ -221,7 +228,8 @@ class Model(_abi.Handle):
         memory, which is valid until the next image of the model. This requires a CPU with PoCL; other devices raise
         UsageError."""
         renderer = self.renderer(device)
-        # Rendering this size would free the memory of that array
+        # If the caller still uses an array of this renderer that has another size, rendering would free the memory of
+        # this array. In this case the model creates another renderer.
         if renderer._lends_other(camera.height, camera.width):
             self._renderers = {key: kept for key, kept in self._renderers.items() if kept is not renderer}
             renderer = self.renderer(device)
@@ -262,14 +270,18 @@ def _model_of(file: bytes) -> Model:
 
 
 class Renderer(_abi.Handle):
-    """A model on a device. `settings` are settings for rendering, such as background. All other settings have the
-    values that are stored in the model. With `gradients`, the renderer can compute gradients. They include the path
-    through the view direction to the positions of splats. Training and publications ignore this path; the setting
-    query_grad=False ignores it here, too. With `absgrad`, which requires `gradients`, vjp() uses the absolute value
-    of each pixel's contribution to the gradient of a splat's position in the image, for x and y separately. This is a
-    criterion for densification. `falloff`, which is a ubs.Falloff or its text, replaces the kernel beta by another
-    function that describes how the opacity of splats decreases with the distance from their centre. Model files do not
-    record it."""
+    """A renderer: the copy of a model on a device. `settings` are settings for rendering, such as background. All other
+    settings have the values that are stored in the model.
+
+    With `gradients`, the renderer can compute gradients. They include the path through the view direction to the
+    positions of splats. Training and publications ignore this path. The setting query_grad=False ignores it here, too.
+
+    With `absgrad`, which requires `gradients`, vjp() sums the absolute values of the contributions of pixels to the
+    gradient of a splat's position in the image, for x and y separately. This sum is a criterion for densification.
+
+    `falloff` is a ubs.Falloff, or a text with its expression. It replaces the kernel beta by another function that
+    describes how the opacity of splats decreases with the distance from their centre. Model files do not record the
+    falloff."""
 
     def __init__(
         self,
@@ -303,10 +315,10 @@ class Renderer(_abi.Handle):
             for key, value in settings.items():
                 chosen.set(key, value)
             _abi.call("settings_check", chosen, _abi.USE_RENDERER)
-        self._v_rgb = 0  # address of the last returned array
+        self._v_rgb = 0  # address of the last array "v_rgb" that was returned
         self._kept_size = 0, 0  # size of the last image that was rendered for a gradient
-        self._lent: list[weakref.ref[DeviceArray]] = []  # returned arrays of images
-        self._lock = threading.RLock()  # computing gradients takes several calls, and any thread may make them
+        self._lent: list[weakref.ref[DeviceArray]] = []  # arrays of images that were returned
+        self._lock = threading.RLock()  # makes the several calls for a gradient one step for other threads
         own = None if falloff is None else ctypes.byref(falloff.to_c())
         super().__init__("renderer", "renderer_create_falloff", self.device, model, chosen, flags, own)
 
@@ -334,7 +346,8 @@ class Renderer(_abi.Handle):
             )
 
     def render(self, camera: Camera, time: float | None = None, *, for_gradient: bool = False) -> Image:
-        """Renders a view. `for_gradient`: as in draw()."""
+        """Renders a view and returns its image. With `for_gradient`, vjp(None, ...) can differentiate this image
+        without rendering it again."""
         return self._draw(camera, time, for_gradient=for_gradient)
 
     def _draw(
@@ -352,7 +365,7 @@ class Renderer(_abi.Handle):
             and out.flags.c_contiguous and out.flags.writeable
         ):
             raise UsageError(f"out must be a writable, tightly packed array of float32 with the shape {(*size, 3)}")
-        if size[0] * size[1] > 2**26:  # the library may refuse it: check before allocating a GiB
+        if size[0] * size[1] > 2**26:  # the library may reject this size, so ask it before allocating about 1 GiB
             _abi.call("renderer_draw", self, ctypes.byref(c), ctypes.byref(_abi.Image()))
         rgb = np.empty((*size, 3), np.float32) if out is None else out
         weight = np.empty(size if alpha else 0, np.float32)
@@ -422,14 +435,16 @@ class Renderer(_abi.Handle):
         *,
         parameters: bool = True,
     ) -> list[dict[str, FloatArray]]:
-        """See ubs.vjp(). Returns one dictionary per group, or none with `parameters=False`, for callers that only need
-        camera_gradient() or array("gradient"). v_rgb may be array("v_rgb"); then v_alpha must be None. If camera is
-        None, differentiates the image of the last draw() or render() with for_gradient=True, or of the last
-        vjp(camera), without rendering it again. In this case, raises UsageError if the parameters have been replaced or
-        requested since that call, or if gradients of alpha or depth have been computed."""
+        """Computes the vector-Jacobian product of rendering, as ubs.vjp() does. Returns a list with one dictionary per
+        group. With `parameters=False` the list is empty, for callers that only need camera_gradient() or
+        array("gradient"). v_rgb may be array("v_rgb"); then v_alpha must be None.
+
+        If `camera` is None, this method differentiates the image of the last draw() or render() with for_gradient=True,
+        or of the last vjp(camera), without rendering it again. In this case, it raises UsageError if the parameters
+        have been replaced or requested since that call, or if gradients of alpha or depth have been computed."""
         into = self._gradients()
         size = self._kept_size if camera is None else (camera.height, camera.width)
-        # Any other address would be read as host memory
+        # The library would read any other address as host memory
         if isinstance(v_rgb, DeviceArray) and v_rgb.address != self._v_rgb:
             raise UsageError('v_rgb is a device array, but not the last array("v_rgb") of this renderer')
         on_device = v_rgb.address if isinstance(v_rgb, DeviceArray) else None
@@ -466,7 +481,8 @@ class Renderer(_abi.Handle):
         mask: npt.ArrayLike | None = None,
         gradients: bool = True,
     ) -> tuple[Loss, list[dict[str, FloatArray]]]:
-        """See ubs.loss(). Returns one dictionary per group, or none without gradients."""
+        """Computes the training loss of a view, as ubs.loss() does. Returns the loss, and a list with one dictionary of
+        gradients per group. With gradients=False, the list is empty."""
         into = self._gradients() if gradients else None
         size = (camera.height, camera.width)
         wanted = floats(as_float(target), (*size, 3), "target")
@@ -522,12 +538,13 @@ def vjp(
     *,
     v_depth: npt.ArrayLike | None = None,
 ) -> dict[str, FloatArray]:
-    """Vector-Jacobian product of rendering. Converts the gradient of a scalar with respect to the pixels, v_rgb (H, W,
-    3), v_alpha (H, W) and v_depth (H, W), to its gradient with respect to every raw parameter, with the names and
-    shapes of model.parameters. The gradient is that of the rendered image: it includes the path through the view
-    direction. Training ignores this path, as published, and so does
-    Renderer(model, gradients=True, query_grad=False).vjp(). Renderer.camera_gradient() returns the gradient with
-    respect to the camera."""
+    """Returns the vector-Jacobian product of rendering. Converts the gradient of a scalar with respect to the pixels,
+    v_rgb (H, W, 3), v_alpha (H, W) and v_depth (H, W), to the gradient of this scalar with respect to every raw
+    parameter. The result has the names and shapes of model.parameters.
+
+    The gradient includes the path through the view direction, because the rendered image depends on it. Training
+    ignores this path, as published. Renderer(model, gradients=True, query_grad=False).vjp() ignores it, too.
+    Renderer.camera_gradient() returns the gradient with respect to the camera."""
     renderer = model.renderer(device, depth=v_depth is not None, gradients=True)
     return _only(renderer.vjp(camera, v_rgb, v_alpha, v_depth))
 
@@ -540,7 +557,8 @@ def loss(
     mask: npt.ArrayLike | None = None,
     device: DeviceLike = None,
 ) -> tuple[Loss, dict[str, FloatArray]]:
-    """Returns the training loss of one view against target (H, W, 3), uint8 or float, and its gradient as in vjp(),
-    without regularisers. mask: (H, W), where 0 means that a pixel does not count."""
+    """Returns the training loss of one view, without regularisers, and its gradient in the form that vjp() returns.
+    target: the photograph (H, W, 3), uint8 or floating point from 0 to 1. mask: (H, W); pixels with the value 0 are
+    ignored."""
     found, gradient = model.renderer(device, gradients=True).loss(camera, target, lambda_dssim, mask)
     return found, _only(gradient)

@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Renders projected splats, which are ellipses in an image, as a differentiable function of PyTorch.
 
-The renderer of the library needs splats in 3D space. So each ellipse is converted to a flat splat, parallel to the
-image plane of a pinhole camera at the origin. It is at the depth of the ellipse, and its size is such that this camera
-sees the ellipse. The gradients of the ellipses are the gradients of these splats, multiplied by known factors."""
+The renderer of the library needs splats in 3D space. So this module converts each ellipse to a flat splat, which is
+parallel to the image plane of a pinhole camera at the origin. The splat is at the depth of the ellipse, and its size is
+chosen so that this camera sees the ellipse. The gradients of the ellipses are the gradients of these splats, multiplied
+by known factors."""
 
 from __future__ import annotations
 
@@ -30,18 +31,19 @@ Result = TypeVar("Result")
 # (kernels/limits.h) to that minimum; this value is slightly above it.
 THICKNESS = 4e-4
 BEHIND = -1.0  # a depth that the camera of flat splats does not see
-INVISIBLE = -100.0  # a raw opacity that no Gaussian is rendered with
-FREE_SLOTS = 3  # number of renderers that are kept, for all devices together
+INVISIBLE = -100.0  # a raw opacity that is so low that a Gaussian with it is not rendered
+FREE_SLOTS = 3  # number of renderers that are kept for later calls, for all devices together
 
 
 @dataclass(frozen=True)
 class Form:
-    """The splats that a renderer renders, and its settings."""
+    """Describes the kind of splats that a renderer renders, and the settings of the renderer."""
 
     kernel: str  # "gaussian" or "beta"
-    absgrad: bool = False  # the gradients of xyz are sums of absolute values
+    absgrad: bool = False  # whether the gradients of xyz are sums of absolute values
     falloff: Falloff | None = None  # replaces the kernel beta
-    # Degree of the harmonics of splats with quaternions. None: flat splats with the colours themselves.
+    # With a degree, the splats are 3D Gaussians with quaternions, and their colours are spherical harmonics of this
+    # degree. With None, the splats are flat, and each has a constant colour.
     degree: int | None = None
     eps2d: float = 0
     planes: tuple[float, float] = (1e-6, 1e30)  # the near and the far plane
@@ -55,7 +57,8 @@ class Form:
         return {"dim": 3, "kernel": self.kernel, "eps2d": self.eps2d, "background": (0, 0, 0), **shape, **planes}
 
     def widths(self) -> dict[str, int]:
-        """Returns the parameters in the order of the library, with the number of values per splat."""
+        """Returns the names of the parameters in the order of the library, and for each its number of values per
+        splat."""
         colours = {"rgb": 3}
         if self.degree is not None:
             rest = (self.degree + 1) ** 2 - 1
@@ -71,8 +74,8 @@ CHUNK = 3000
 
 
 class Slot:
-    """A renderer with a capacity for a number of splats. Unused rows are not rendered. The caller must hold the lock
-    while using it."""
+    """A renderer with a capacity of `room` splats. Splats that are not used are not rendered. The caller must hold
+    `lock` while it uses a Slot."""
 
     def __init__(self, device: Device, room: int, form: Form) -> None:
         self.device, self.room, self.form = device, room, form
@@ -85,7 +88,7 @@ class Slot:
         self.host = {name: torch.from_numpy(values[name].T) for name in values}
         self.used = room
         self.holds: object = None  # identifies the current values, see put()
-        # Camera of the image that the device can differentiate without rendering it again
+        # The camera of the image that the device can differentiate without rendering it again, or None
         self.kept: Camera | None = None
         try:
             self.renderer.array("parameters")
@@ -101,8 +104,9 @@ class Slot:
         return dict(zip(self.widths, rows.split(list(self.widths.values()))))
 
     def put(self, holder: object, values: dict[str, Tensor]) -> None:
-        """Copies rows (values per splat, splats) of these parameters to the device; those of harmonics may be
-        (channels, coefficients, splats)."""
+        """Copies the values of these parameters to the device. The shape of a tensor is (values per splat, splats), or
+        (channels, coefficients, splats) for spherical harmonics. `holder` identifies the values: the attribute `holds`
+        has this value until other values are copied."""
         self.holds, self.kept = None, None
         parts = self._split(self._array("parameters")) if self.shared else self.host
         for name, value in values.items():
@@ -117,7 +121,7 @@ class Slot:
             count = values["xyz"].shape[1]
             if self.form.degree is None:
                 parts["xyz"][2, count : self.used] = BEHIND
-            else:  # the camera may be anywhere
+            else:  # no position is hidden from every camera, so unused splats get a very low opacity
                 parts["opacity"][:, count : self.used] = INVISIBLE
             self.used = count
         if self.shared:
@@ -127,7 +131,7 @@ class Slot:
         self.holds = holder
 
     def draw(self, camera: Camera, where: torch.device, for_gradient: bool) -> tuple[Tensor, Tensor]:
-        """Renders, and returns copies of the image (H, W, 3) and of its alpha (H, W)."""
+        """Renders an image, and returns copies of the image (H, W, 3) and of its alpha (H, W)."""
         if not self.shared:
             image = self.renderer.render(camera, for_gradient=for_gradient)
             self.kept = camera if for_gradient else None
@@ -146,9 +150,9 @@ class Slot:
         return self._array("extents")[: self.used]
 
     def differentiate(self, camera: Camera, v_rgb: Tensor | None, v_alpha: Tensor | None) -> dict[str, Tensor]:
-        """Returns gradients of the used rows of each parameter. They are valid until the next call. With harmonics, the
-        entry "means2d" (splats, 2) is the gradient with respect to the positions in the image [1/px], and the others
-        are those for fixed positions."""
+        """Returns the gradients of each parameter for the used splats. They are valid until the next call. With
+        spherical harmonics, the entry "means2d" (splats, 2) is the gradient with respect to the positions in the image
+        [1/px]. The gradients of the parameters are then those with fixed positions in the image."""
         if self.kept is not camera:
             self.renderer.draw(camera, for_gradient=True)
         self.kept = None
@@ -181,10 +185,10 @@ MIN_SHARE = 2.0**-30  # kMinShare of host/pipeline/image_gradient.cpp
 
 
 def gradient_on_device(renderer: Renderer, camera: Camera, v_rgb: Tensor | None, v_alpha: Tensor | None) -> DeviceArray:
-    """Writes the gradient with respect to the last image (H, W, 3), and to its alpha (H, W), to the memory of the device.
-    Returns the array for Renderer.vjp(None, ...). If there is a gradient of alpha, one channel of the image is changed,
-    as a different background would change it (host/pipeline/image_gradient.hpp). The image can then not be
-    differentiated a second time."""
+    """Writes the gradient with respect to the last image (H, W, 3), and to its alpha (H, W), to the memory of the
+    device. Returns the array for Renderer.vjp(None, ...). If there is a gradient of alpha, this function also changes
+    one channel of each pixel of the image on the device, in the way in which a different background would change it
+    (host/pipeline/image_gradient.hpp explains why). Afterwards, the image cannot be differentiated a second time."""
     array = renderer.array("v_rgb", size=(camera.height, camera.width))
     into: Tensor = cast(Any, torch).from_dlpack(array)
     if v_rgb is not None:  # otherwise the array has zeros
@@ -234,7 +238,7 @@ def extremes(tensor: Tensor) -> tuple[float, float]:
     """Returns the minimum and the maximum, NaN if a value is NaN, and 0 for an empty tensor."""
     if tensor.numel() == 0:
         return 0.0, 0.0
-    low, high = torch.aminmax(tensor.detach())  # one pass, while torch.isfinite takes several
+    low, high = torch.aminmax(tensor.detach())  # reads the values once, while torch.isfinite reads them several times
     return float(low), float(high)
 
 
@@ -264,10 +268,10 @@ class Rows:
         factor = torch.where(drawn, factor, one)
         opacities = torch.where(drawn, opacities, zero)
         z = torch.where(drawn, depths, one)
-        # Scale the depth by a power of two. This keeps the order, and makes the scales close to one, where softplus is
-        # exact.
+        # Multiply the depth by a power of two. This does not change the order, and makes the scales close to one, where
+        # softplus is accurate.
         larger = 2.0 ** math.ceil(math.log2(focal))
-        self.unit = z * (larger / focal)  # size of a pixel at the depth of the splat
+        self.unit = z * (larger / focal)  # the size of a pixel at the depth of each splat
         self.xyz = torch.cat([centre * self.unit, torch.where(drawn, z * larger, z * BEHIND)[None]])
         l00, l10, l11 = factor
         thin = torch.maximum(l00, l11) * THICKNESS
@@ -290,13 +294,16 @@ class Rows:
 
 
 def first_order(function: Callable[..., Result]) -> Callable[..., Result]:
-    """torch's once_differentiable, which has no type annotations."""
+    """Applies torch's once_differentiable to a function. This wrapper exists because once_differentiable has no type
+    annotations."""
     made: Callable[..., Result] = cast(Any, torch.autograd.function).once_differentiable(function)
     return made
 
 
 class SparseGradient(torch.autograd.Function):
-    """Identity. Its gradient is a sparse tensor of the rows that rows[0] lists when backward() is called."""
+    """Returns its first input unchanged, but makes the gradient of this tensor sparse. The second input is a list with
+    one tensor, which contains the indices of the rows of the gradient. The caller may fill the list until backward()
+    runs."""
 
     @staticmethod
     def forward(ctx: Any, *inputs: Any, **_: Any) -> Tensor:
@@ -324,9 +331,10 @@ class AbsGrad:
     def chunks(
         self, v_image: Tensor | None, v_alpha: Tensor | None
     ) -> Iterator[tuple[int, Tensor | None, Tensor | None]]:
-        """Divides the gradients of an image (H, W, D) and its alpha (H, W) into those of chunks of channels. Each chunk
-        gets the part of v_alpha that comes from blending its channels with the background; the first also gets the
-        rest. Yields the first channel of a chunk and the two gradients."""
+        """Divides the gradients of an image (H, W, D) and of its alpha (H, W) into gradients of chunks of channels.
+        Each chunk gets the part of v_alpha that comes from blending its channels with the background. The first chunk
+        also gets the remaining part of v_alpha. Yields the index of the first channel of a chunk, and its two
+        gradients."""
         if v_image is None or v_image.shape[-1] <= self.chunk:
             yield 0, v_image, v_alpha
             return
@@ -346,9 +354,11 @@ class AbsGrad:
 
 
 class Draw(torch.autograd.Function):
-    """Inputs: whether gradients are recorded, (width, height), a device of ubs, an AbsGrad or None, a Falloff or None,
-    means2d (n, 2), factor (3, n), depths (n,), colors (n, D), opacities (n,), betas (n,) or None. Outputs: the image (H,
-    W, D) and its alpha (H, W). The device renders three channels at a time."""
+    """Rasterises splats, three channels at a time.
+
+    The inputs are: whether gradients are recorded, (width, height), a device of ubs, an AbsGrad or None, a Falloff or
+    None, means2d (n, 2), factor (3, n), depths (n,), colors (n, D), opacities (n,), and betas (n,) or None. The outputs
+    are the image (H, W, D) and its alpha (H, W)."""
 
     @staticmethod
     def forward(ctx: Any, *inputs: Any, **_: Any) -> tuple[Tensor, ...]:
@@ -452,7 +462,8 @@ def draw(
 
     means2d (n, 2) [px]; factor (3, n): l00, l10, l11 of the lower Cholesky factor of each covariance [px]; depths (n,),
     which determine the order (ellipses with a depth of 0 or less are not rendered); colors (n, D); opacities (n,), 0 to
-    1. betas (n,): exponents of Beta kernels; None: Gaussians. falloff: replaces Beta kernels."""
+    1. betas (n,): exponents of Beta kernels; with None, the ellipses are Gaussians. falloff: a function that replaces
+    the Beta kernel."""
     image, alpha = Draw.apply(
         torch.is_grad_enabled(), size, device, absgrad, falloff, means2d, factor, depths, colors, opacities, betas
     )

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Settings by name, as in the executable and in YAML files."""
+"""Passes settings to the library. They have the same names as in the executable and in YAML files."""
 
 from __future__ import annotations
 
@@ -12,8 +12,9 @@ from . import _abi
 
 
 class Settings(_abi.Handle):
-    """Settings in the library. `spec` is a YAML file that is read first. `use` is the purpose of the settings
-    (_abi.USE_...). Values that have no effect on this purpose raise UsageError."""
+    """A handle of settings in the library. `spec` is a YAML file, whose values are replaced by those in `values`. `use`
+    is the purpose of the settings (_abi.USE_...). Entries of `values` that have no effect for this purpose raise
+    UsageError."""
 
     def __init__(
         self, values: Mapping[str, Any] | None = None, spec: str | None = None, use: int | None = None

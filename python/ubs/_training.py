@@ -39,7 +39,8 @@ class Step:
 
 @dataclass(frozen=True)
 class Metrics:
-    """Metrics of an image, or the mean of several images (docs/metrics.md). None: not measured."""
+    """Metrics of an image, or their means over several images (docs/metrics.md). Metrics that were not measured are
+    None."""
 
     psnr: float
     psnr_joint: float
@@ -69,8 +70,8 @@ def _step(c: _abi.Step) -> Step:
 
 
 class _Interrupt:
-    """Records Ctrl-C instead of raising KeyboardInterrupt, which would be lost if it was raised in a callback from C.
-    This is only done in the main thread, and only if the program has not installed another handler."""
+    """Records Ctrl-C instead of raising KeyboardInterrupt, because Python ignores exceptions that are raised in a
+    callback from C. This is only done in the main thread, and only if the program has not installed another handler."""
 
     def __init__(self) -> None:
         self.came = False
@@ -110,7 +111,8 @@ class Trainer(_abi.Handle):
     ) -> None:
         self._device = opened(device)
         chosen = Settings(settings, spec, use=_abi.USE_TRAINER)
-        self._data = data  # its files may be temporary, and images are decoded when they are needed
+        # Keeps the data set alive. Its files may be deleted together with it, and training reads images from them.
+        self._data = data
         super().__init__("trainer", "trainer_create", self._device, data, chosen, initial)
 
     def __repr__(self) -> str:
@@ -118,10 +120,10 @@ class Trainer(_abi.Handle):
         return f"<ubs.Trainer: iteration {status.iteration} of {status.iterations}, {status.splats} splats>"
 
     def run(self, steps: int = 0, on_step: OnStep | None = None) -> None:
-        """Trains for `steps` iterations, or all remaining ones if it is 0. `on_step` is called after each iteration. If
-        it returns False, training stops there; if it raises an exception, the run ends and the exception is passed on.
-        Ctrl-C has the same effect. The trainer then has the state of the last iteration, and can be saved or
-        continue."""
+        """Trains for `steps` iterations, or for all remaining iterations if `steps` is 0. Calls `on_step` after each
+        iteration. If `on_step` returns False, training stops after this iteration. If it raises an exception, training
+        also stops, and run() raises this exception. Ctrl-C stops training, and run() raises KeyboardInterrupt. In all
+        these cases the trainer has the state of the last iteration, so it can be saved, and run() can continue."""
         if steps < 0:
             raise UsageError(f"steps = {steps}: pass a number of iterations, or 0 for all remaining ones")
         raised: list[BaseException] = []  # exceptions must not pass through C code
@@ -187,7 +189,8 @@ class Trainer(_abi.Handle):
 
 
 def _progress() -> tuple[OnStep, Callable[[], None]] | None:
-    """Returns a progress bar of tqdm, if that is installed and stderr is a terminal."""
+    """Returns two functions that update and close a progress bar of tqdm. Returns None if tqdm is not installed, or if
+    stderr is not a terminal."""
     if not sys.stderr.isatty():
         return None
     try:
@@ -214,7 +217,7 @@ def train(
     **settings: Any,
 ) -> Model:
     """Trains a model: ubs.train(data, dim=6, iterations=7000, device="cpu"). The settings are those of `ubs train`;
-    ubs.settings() lists them. Use Trainer to do other things during the training.
+    ubs.settings() lists them. Use Trainer to run other code between iterations.
 
     The schedule, which includes the growth of the number of splats, scales with the number of iterations. For example,
     500 initial splats become 12 000 in 200 iterations, and 64 000 in 30 000 iterations. cap_max limits the number of

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Rendering as a differentiable function of JAX, which can be used in jax.jit.
+"""Provides rendering as a differentiable function of JAX. The function can be used in jax.jit.
 
     import ubs, ubs.jax
     splats = ubs.jax.Splats(ubs.Model.initial(data, dim=6))
@@ -7,9 +7,9 @@
     parameters = splats.parameters()                 # {"xyz": (splats, 3), ...}
     jax.grad(lambda p: my_loss(*view(p)))(parameters)
 
-Values are copied through host memory. Only first-order reverse derivatives with respect to the parameters exist. They
-are the derivatives of the rendered image, so they include the path through the view direction. `ubs train` ignores this
-path, and so does query_grad=False."""
+Values are copied through host memory. Only reverse-mode derivatives of first order, with respect to the parameters, are
+supported. They include the path through the view direction, because the image depends on it. `ubs train` ignores this
+path. With the setting query_grad=False, it is ignored here, too."""
 
 from __future__ import annotations
 
@@ -28,11 +28,12 @@ Parameters = dict[str, Any]
 
 
 class Splats:
-    """A model as functions of its raw parameters. All splats must have the same dimension, but their number may differ
-    between calls. With `depth`, images include depth. `settings` are those of ubs.Renderer, such as background.
+    """Renders a model as a function of its raw parameters. All splats must have the same dimension, but the number of
+    splats may differ between calls. With `depth`, the function also returns depth. `settings` are those of
+    ubs.Renderer, such as background.
 
-    Gradients are those of the rendered image, so they include the path through the view direction to the positions of
-    the splats. `ubs train` and publications ignore this path; the setting query_grad=False ignores it here, too."""
+    Gradients include the path through the view direction to the positions of the splats, because the rendered image
+    depends on it. `ubs train` and publications ignore this path. The setting query_grad=False ignores it here, too."""
 
     def __init__(self, model: Model, device: DeviceLike = None, *, depth: bool = False, **settings: Any) -> None:
         self._drawing = Drawing(model, device, depth, settings)
@@ -47,7 +48,8 @@ class Splats:
         return [np.asarray(parameters[name]) for name in self._drawing.names]
 
     def view(self, camera: Camera) -> Callable[[Parameters], tuple[Any, ...]]:
-        """Returns the function from parameters to rgb (H, W, 3), not clamped, alpha (H, W), and depth (H, W)."""
+        """Returns a function of the parameters that renders this camera. The function returns rgb (H, W, 3), which is
+        not clamped, alpha (H, W), and, if the object was created with depth=True, depth (H, W)."""
         size = (camera.height, camera.width)
         shapes = [(*size, 3), size, size][: 3 if self._depth else 2]
         pictures = tuple(jax.ShapeDtypeStruct(shape, np.float32) for shape in shapes)

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Image metrics. Images are (H, W, 3), uint8, or floating point from 0 to 1. Values slightly outside of this range,
-which occur in rendered images, are clamped. An image with another range, such as 0 to 255, raises UsageError."""
+"""Computes image metrics. Images are arrays (H, W, 3) of uint8, or of floating-point values from 0 to 1. Values
+slightly outside of this range, which occur in rendered images, are clamped. An image with another range, such as 0 to
+255, raises UsageError."""
 
 from __future__ import annotations
 
@@ -49,13 +50,14 @@ def measure(
 
 
 def psnr(truth: npt.ArrayLike, image: npt.ArrayLike, device: DeviceLike = None) -> float:
-    """Returns the mean over the channels of 10 log10(1 / mse) [dB], as in published code. Infinite for equal images."""
+    """Returns the PSNR in dB: the mean over the channels of 10 log10(1 / mse), as in published code. The result is
+    infinite if the images are equal."""
     return measure(truth, image, device=device).psnr
 
 
 def ssim(truth: npt.ArrayLike, image: npt.ArrayLike, device: DeviceLike = None) -> float:
-    """Returns SSIM with 11 x 11 Gaussian windows, zero-padded, as in the loss. measure() also returns the SSIM
-    over the windows that are entirely inside the image."""
+    """Returns the SSIM with Gaussian windows of 11 x 11 pixels, where pixels outside of the images are 0, as in the
+    training loss. measure() also returns the SSIM over the windows that are entirely inside the image."""
     return measure(truth, image, device=device).ssim
 
 
@@ -68,8 +70,8 @@ def lpips(
     weights: os.PathLike[str] | str | None = None,
     device: DeviceLike = None,
 ) -> float:
-    """Returns LPIPS 0.1. The input of the network is 2 v - 1 for each value v or, with `unit`, v itself, as in
-    published evaluations of splats."""
+    """Returns LPIPS, version 0.1. The network expects values from -1 to 1, so its input is 2 v - 1 for each value v.
+    With `unit`, its input is v, as in published evaluations of splats."""
     found = measure(truth, image, networks=[network], weights=weights, device=device)
     value = getattr(found, f"lpips_{network}_unit" if unit else f"lpips_{network}")
     return float(value)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Rendering as a differentiable function of PyTorch, to train models with its optimisers and loss functions.
+"""Provides rendering as a differentiable function of PyTorch, for training with the optimisers of PyTorch and any loss.
 
     import ubs, ubs.torch
     splats = ubs.torch.Splats(ubs.Model.initial(data, dim=6))
@@ -10,11 +10,11 @@ The module also provides the method as functions of tensors. render() takes raw 
 condition_direct() convert splats of N dimensions to splats in space. rasterize() renders projected splats, so that a
 program can use its own code for the projection and for everything before it.
 
-Any device of ubs can render. Tensors on a card on which ubs renders with CUDA stay there (DLPack); other tensors are
-copied through host memory. Colours, alpha and depth have gradients with respect to every raw parameter, and with
-respect to the camera if it is passed as tensors. They are the gradients of the rendered image, so they include the path
-through the view direction. `ubs train` ignores this path, and so does query_grad=False. Second-order gradients are not
-supported. All splats of a model must have the same dimension."""
+Any device of ubs can render. If tensors are on the GPU on which ubs renders with CUDA, they stay there (DLPack). Other
+tensors are copied through host memory. Colours, alpha and depth have gradients with respect to every raw parameter, and
+with respect to the camera if it is passed as tensors. Gradients include the path through the view direction, because
+the rendered image depends on it. `ubs train` ignores this path. The setting query_grad=False ignores it here, too.
+Second-order gradients are not supported. All splats of a model must have the same dimension."""
 
 from __future__ import annotations
 
@@ -99,9 +99,9 @@ def _draw(drawing: Drawing, camera: Camera, parameters: Sequence[Tensor], reason
 def _differentiate(
     drawing: Drawing, camera: Camera, parameters: Sequence[Tensor], v: Sequence[Tensor | None], reason: object
 ) -> list[Tensor]:
-    """Returns contiguous gradients of each parameter, because a transposed gradient slows down every later
-    operation."""
-    if drawing.kept is not reason:  # another image has been rendered since
+    """Returns the gradients of each parameter. They are contiguous, because transposed gradients slow down later
+    operations. If the device no longer has the data of the image that `reason` identifies, renders it again."""
+    if drawing.kept is not reason:
         _put(drawing, parameters)
         drawing.renderer.draw(camera, for_gradient=True)
     drawing.kept = None
@@ -124,7 +124,8 @@ def _differentiate(
     return [part.T.clone(memory_format=torch.contiguous_format) for part in parts]
 
 
-MOST_STRETCH = 0.1  # of the matrix of a pose; a matrix with a larger stretch is probably not a pose
+# Singular values of the matrix of a pose may differ from 1 by less than this value. Other matrices are probably wrong.
+MOST_STRETCH = 0.1
 
 
 def _values(tensor: Tensor, what: str, *shapes: tuple[int, ...]) -> np.ndarray[Any, np.dtype[np.float64]]:
@@ -135,8 +136,8 @@ def _values(tensor: Tensor, what: str, *shapes: tuple[int, ...]) -> np.ndarray[A
 
 
 def _polar(matrix: Any) -> tuple[Any, Any]:
-    """Divides a matrix (3, 3) into a symmetric matrix S and the nearest rotation Q, S Q = matrix. A matrix that is a
-    rotation up to rounding, or far from one, is returned as it is."""
+    """Decomposes a matrix (3, 3) into a symmetric matrix S and the nearest rotation Q, with S Q = matrix. If the matrix
+    is a rotation up to rounding, or is far from a rotation, S is the identity and Q is the unchanged matrix."""
     u, stretch, vt = np.linalg.svd(matrix)
     error = np.abs(stretch - 1).max()
     if not 1e-6 < error < MOST_STRETCH or np.linalg.det(u @ vt) < 0:
@@ -157,8 +158,8 @@ def _seen(camera: Camera, pose: Tensor | None, intrinsics: Tensor | None, time: 
 
 
 def _v_pose(pose: Tensor, gradient: CameraGradient) -> Any:
-    """Returns the gradient with respect to the matrix of a pose. If the matrix is M = S Q with a rotation Q, which was
-    rendered, then dQ = [w] Q with (tr(S) - S) w = axial(dM Q^T - Q dM^T)."""
+    """Returns the gradient with respect to the matrix M of a pose. M = S Q, where Q is the nearest rotation, and the
+    image was rendered with Q. A change dM changes Q by dQ = [w] Q with (tr(S) - S) w = axial(dM Q^T - Q dM^T)."""
     stretch, rotation = _polar(pose.detach().double().cpu().numpy()[:3, :3])
     v = np.zeros(tuple(pose.shape))
     v[:3] = gradient.world_to_camera
@@ -182,14 +183,15 @@ def _v_time(_time: Tensor, gradient: CameraGradient) -> Any:
 
 
 def _first_order(function: Callable[..., Result]) -> Callable[..., Result]:
-    """torch's once_differentiable, which has no type annotations."""
+    """Applies torch's once_differentiable to a function. This wrapper exists because once_differentiable has no type
+    annotations."""
     made: Callable[..., Result] = cast(Any, torch.autograd.function).once_differentiable(function)
     return made
 
 
 class _Render(torch.autograd.Function):
-    """Inputs: whether gradients are recorded; the drawing; a camera; pose, intrinsics and time that replace those of the
-    camera, or None; the parameters."""
+    """Renders a view. The inputs are: whether gradients are recorded; a Drawing; a Camera; the pose, the intrinsics and
+    the time that replace those of the camera, or None for each; and the tensors of the parameters."""
 
     @staticmethod
     def forward(ctx: Any, *inputs: Any, **_: Any) -> tuple[Tensor, ...]:
@@ -221,13 +223,13 @@ class _Render(torch.autograd.Function):
 
 
 class Splats(torch.nn.Module):
-    """The raw parameters of a model as a module. It has one torch.nn.Parameter (splats, values per splat) for each name
-    in Model.parameters, such as `xyz`. They may be replaced by parameters for a different number of splats. With
-    `depth`, images include depth. `settings` are those of ubs.Renderer, such as background, and its `falloff`. The
-    module can be copied and saved.
+    """A module with the raw parameters of a model. It has one torch.nn.Parameter (splats, values per splat) for each
+    name in Model.parameters, such as `xyz`. These may be replaced by parameters for a different number of splats. With
+    `depth`, the module also returns depth. `settings` are those of ubs.Renderer, such as background, and its `falloff`.
+    The module can be copied and saved.
 
-    Gradients are those of the rendered image, so they include the path through the view direction to the positions of
-    the splats. `ubs train` and publications ignore this path; the setting query_grad=False ignores it here, too."""
+    Gradients include the path through the view direction to the positions of the splats, because the rendered image
+    depends on it. `ubs train` and publications ignore this path. The setting query_grad=False ignores it here, too."""
 
     def __init__(self, model: Model, device: DeviceLike = None, *, depth: bool = False, **settings: Any) -> None:
         super().__init__()
@@ -246,12 +248,14 @@ class Splats(torch.nn.Module):
         intrinsics: Tensor | None = None,
         time: Tensor | None = None,
     ) -> tuple[Tensor, ...]:
-        """Returns rgb (H, W, 3), not clamped, alpha (H, W), and depth (H, W) if the module was created with it.
+        """Renders a view. Returns rgb (H, W, 3), which is not clamped, alpha (H, W), and, if the module was created
+        with depth=True, depth (H, W).
 
-        pose (3, 4) or (4, 4), intrinsics (4,), which are fx, fy, cx, cy, or (3, 3), and time replace those of the
-        camera, and get gradients. If the matrix of the pose is not exactly a rotation, the nearest rotation is rendered
-        and differentiated, so that an optimiser can change the matrix itself. Raises DataError if a singular value is
-        not between 0.9 and 1.1."""
+        The tensors `pose`, `intrinsics` and `time` replace the values of the camera, and get gradients. The shape of
+        pose is (3, 4) or (4, 4). intrinsics are fx, fy, cx and cy (4,), or a matrix (3, 3). If the matrix of the pose
+        is not exactly a rotation, the nearest rotation is used for the image and its gradient, so an optimiser can
+        change the entries of the matrix independently. Raises DataError if a singular value is not between 0.9 and
+        1.1."""
         pictures: tuple[Tensor, ...] = _Render.apply(
             torch.is_grad_enabled(), self._drawing, camera, pose, intrinsics, time, *self._tensors()
         )
@@ -290,7 +294,7 @@ def render(
     query_grad=False, which ignores gradients through the view direction. pose, intrinsics, time: see
     Splats.forward(). falloff: see ubs.Renderer.
 
-    Returns rgb (H, W, 3), not clamped, alpha (H, W), and depth (H, W) if requested."""
+    Returns rgb (H, W, 3), which is not clamped, alpha (H, W), and, with depth=True, depth (H, W)."""
     given = dict(parameters)
     of_renderer = {key: settings.pop(key) for key in ("query_grad", "raster", "math") if key in settings}
     where = opened(device)
@@ -299,7 +303,7 @@ def render(
     of_renderer["falloff"] = own
     with _kept_lock:
         drawing = _kept.pop(key, None) or Drawing(Model.empty(dim, 1, **settings), where, depth, of_renderer)
-        _kept[key] = drawing  # the most recently used one is at the end
+        _kept[key] = drawing  # the most recently used renderer is at the end
         while len(_kept) > _KEPT:
             _kept.pop(next(iter(_kept)))
     if set(given) != set(drawing.names):
@@ -310,7 +314,8 @@ def render(
             torch.is_grad_enabled(), drawing, camera, pose, intrinsics, time, *tensors
         )
         return pictures
-    # A model has at least one splat: render one that is transparent, and connect the result with the parameters.
+    # A model must have at least one splat, so render a single transparent splat. Add the sum over the empty parameters,
+    # which is 0, so that the parameters get gradients.
     none = cast(Tensor, sum(tensor.sum() for tensor in tensors))
     transparent = [tensor.new_full((1, *tensor.shape[1:]), -1e3 if name == "opacity" else 0.0)
                    for name, tensor in zip(drawing.names, tensors)]
@@ -349,12 +354,14 @@ def rasterize(
     rendered. colors (n, D), any number of channels. opacities (n,), 0 to 1.
 
     betas (n,): positive exponents of Beta kernels; a splat is opacity * (1 - r)^beta where r < 1, with r = d^T covs2d^-1
-    d and d the distance to the centre. None: Gaussians, opacity * exp(-r / 2) where that is at least 1/255.
+    d, where d is the vector from the centre to the pixel. If betas is None, the splats are Gaussians: opacity *
+    exp(-r / 2), where this is at least 1/255.
 
-    falloff: a ubs.Falloff, or its text, which replaces (1 - r)^beta. If betas is None, all betas are 1.
+    falloff: a ubs.Falloff, or a text with its expression, which replaces (1 - r)^beta. If betas is None, all betas are
+    1.
 
-    background (D,): the colour behind the splats; None: 0. Returns the image (height, width, D) and its alpha (height,
-    width). All float32 arguments but depths have gradients."""
+    background (D,): the colour behind the splats. If it is None, the colour is 0. Returns the image (height, width, D)
+    and its alpha (height, width). All tensors except depths get gradients."""
     if means2d.dtype != torch.float32 or means2d.dim() != 2:
         raise UsageError(f"means2d must be float32 (n, 2), not {means2d.dtype} {tuple(means2d.shape)}")
     n = len(means2d)
@@ -428,9 +435,10 @@ def condition(
 
     means (n, N): position, then the query dimensions. factor (n, N, N): L of the covariance L L^T, any matrix with
     independent rows. betas (n, N - 3): exponents 4 exp(raw) of the query dimensions; None: opacities do not change.
-    query (N - 3,), or (n, N - 3), as with view directions. weights (n, N - 3) of the conditioning; None: min(betas / 4,
-    1), and 1 without betas. cov_mode: "upper" mirrors the upper triangle of a covariance that weights have made
-    asymmetric, as published; "whiten" keeps it positive.
+    query: (N - 3,), or (n, N - 3) if it differs between splats, as view directions do. weights: the weights (n, N - 3)
+    of the conditioning. If weights is None, they are min(betas / 4, 1), or 1 without betas. cov_mode: weights make the
+    covariance asymmetric. "upper" mirrors its upper triangle, as published. "whiten" applies the weights so that it
+    stays symmetric and positive.
 
     Returns positions (n, 3), covariances (n, 3, 3), and factors for the opacities (n,). Computes in the type of the
     tensors and has gradients of any order."""
@@ -477,8 +485,8 @@ def condition_direct(
     """Slices splats with direct conditioning (docs/method.md 9).
 
     means (n, N), betas, query and weights as in condition(). factor (n, N - 3, N - 3): L, lower triangular, of the
-    precision L L^T of the query dimensions. theta (n, 3, N - 3): the direction in which each of them moves a splat, in
-    units of its size. scales (n, 3): spatial scales. Covariances do not change.
+    precision L L^T of the query dimensions. theta (n, 3, N - 3): the direction in which each query dimension moves a
+    splat, in units of the mean scale of the splat. scales (n, 3): spatial scales. Covariances do not change.
 
     Returns positions (n, 3), and factors for the opacities (n,)."""
     x = _query(means, query, betas)

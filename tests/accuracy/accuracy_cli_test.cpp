@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tests of `ubs-lab accuracy` as a process: its files, how a model is rendered, and rejected arguments.
+// Tests that run `ubs-lab accuracy` as a process. They check the files that it writes, the settings with
+// which a model is rendered, and that invalid arguments are rejected.
 #include <catch2/catch.hpp>
 #include <cstdlib>
 #include <nlohmann/json.hpp>
@@ -40,7 +41,7 @@ TEST_CASE("accuracy: the table is printed and written") {
                             "raster_backward", "project_backward"})
     CHECK(results[0].at("stages").at(stage).at("median_ms") > 0);
   const double contributions = results[0].at("contributions_per_pixel").get<double>();
-  CHECK((contributions > 0.1 && contributions < 600));  // of 600 splats
+  CHECK((contributions > 0.1 && contributions < 600));  // the scene has 600 splats
   CHECK(results[1].at("contributions_per_pixel") == contributions);
   CHECK_FALSE(results[2].contains("contributions_per_pixel"));
   CHECK_THAT(results[2].at("note").get<std::string>(), Contains("rot_mode = quaternion"));
@@ -71,16 +72,17 @@ TEST_CASE("accuracy: invalid arguments are rejected") {
   check_error(folder, "accuracy --quick --out a --config x:dim=3", 2, "dim of 'x' has no effect here");
   check_error(folder, "accuracy --quick --out a --config 'x:rot_mode=exp|math=native'", 2, "math of 'x'");
   CHECK(run_ubs(folder, "accuracy --quick --out a --dim 8").code == 2);
-  CHECK(run_ubs(folder, "accuracy --quick --out a --model m.ply").code == 3);  // no such file
+  CHECK(run_ubs(folder, "accuracy --quick --out a --model m.ply").code == 3);  // the file does not exist
   put(folder / "m.ply", "a model");
-  CHECK(run_ubs(folder, "accuracy --quick --out a --model m.ply").code == 2);  // no data are given
+  CHECK(run_ubs(folder, "accuracy --quick --out a --model m.ply").code == 2);  // --model requires data
   const Result none = run_ubs(
       folder, "accuracy --quick --out a --config default:rot_mode=quaternion --config x:rot_mode=quaternion");
   CHECK(none.code == 0);  // the default configuration is also measured
 }
 
-// Earlier versions ignored these numbers with --quick, and mixed up devices with the same name.
-TEST_CASE("accuracy: --quick keeps options that are given") {
+// Earlier versions ignored the numbers of splats, pixels, iterations and rounds with --quick, and confused
+// devices with the same name.
+TEST_CASE("accuracy: --quick does not override options of the command line") {
   const TempFolder folder;
   test::ubs_ok(
       folder,

@@ -11,7 +11,7 @@ namespace {
 
 using Catch::Contains;
 
-TEST_CASE("errors: relative 2-norm and maximum; the error is infinite if a value is not finite") {
+TEST_CASE("errors: the relative 2-norm and the maximum are infinite if a value is not finite") {
   check::ErrorSum sum;
   sum.add(3.5, 3);
   sum.add(-4, -4);
@@ -31,18 +31,19 @@ TEST_CASE("errors: the typical error excludes the 1 % of splats that differ most
   const std::size_t count = 200;
   std::vector<double> truth(static_cast<std::size_t>(layout.count) * count, 1.0);
   std::vector<float> values(truth.begin(), truth.end());
-  values[7] = values[8] = 3;  // x of two splats that are in another order
+  values[7] = values[8] = 3;  // the x of two splats is wrong, as after a different depth order
   values[9] = 1.01f;
   const auto groups = check::group_errors(layout, count, values, truth);
   CHECK(groups[0].quantity == "xyz");
   CHECK(groups[0].errors.relative == Approx(std::sqrt(8.0001 / 600)));
   CHECK(groups[0].errors.typical == Approx(std::sqrt(0.0001 / 600)).epsilon(1e-3));
   CHECK(groups[0].errors.absolute == 2);
-  values[7] = std::numeric_limits<float>::quiet_NaN();  // in one splat, but not because of the order
+  // A different depth order does not cause NaN, so a NaN must not be excluded.
+  values[7] = std::numeric_limits<float>::quiet_NaN();
   CHECK(std::isinf(check::group_errors(layout, count, values, truth)[0].errors.typical));
 }
 
-TEST_CASE("configurations: text, and the standard table") {
+TEST_CASE("configurations: texts are parsed, and the standard configurations are valid") {
   const Configuration c = parse_configuration("mine:math=native,alpha_min=0.1|rot_mode=exp");
   CHECK(c.label == "mine");
   CHECK(c.settings == std::vector<std::string>{"math=native", "alpha_min=0.1"});
@@ -58,7 +59,7 @@ TEST_CASE("configurations: text, and the standard table") {
   for (const Configuration& s : standard) CHECK_NOTHROW(validate(apply({}, s)));
 }
 
-TEST_CASE("table: text, CSV, JSON") {
+TEST_CASE("table: the results are written as text, CSV and JSON") {
   const check::Errors image{1e-6, 5e-6, 1e-6}, xyz{2e-3, 1, 2e-6}, rgb{1e-3, 1, 1e-6};
   const std::vector<Result> results{
       {.form = "fast",

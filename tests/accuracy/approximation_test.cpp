@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Compares every mode of powers (host/scene/math_mode.hpp) on every device with the float64 oracle. Each mode
-// must have an effect, its error must stay within its bound, and the tests of single stages show where the
-// error arises.
+// Compares every math mode (host/scene/math_mode.hpp) on every device with the float64 oracle. The error of
+// each mode must stay within its bound, the approximate modes must have an effect, and the errors must arise
+// in the stages that compute powers.
 #include <catch2/catch.hpp>
 
 #include "host/check/stage_run.hpp"
@@ -22,7 +22,8 @@ Problem problem(int dim) {
       oracle::regular_scene({.count = 250, .dim = dim, .seed = 31, .width = 61, .height = 45});
   Problem p;
   p.model = scene.model;
-  // A steep rim would hide the errors that these tests look for, as in variant_test.cpp.
+  // A larger beta would make the kernel steep at the end of its support. The resulting large gradients would
+  // hide the errors that these tests look for.
   for (float& b : p.model.row(p.model.layout().beta)) b = std::max(b, -0.5f);
   p.camera = scene.camera;
   p.target.assign(scene.target.begin(), scene.target.end());
@@ -32,8 +33,8 @@ Problem problem(int dim) {
 
 struct Expectation {
   MathMode math;
-  double image, gradient;  // bounds of the relative 2-norm: twice the largest error observed on PoCL
-  bool coarser;            // at least ten times the error of the default
+  double image, gradient;  // bounds of the relative 2-norms, about twice the largest errors observed on PoCL
+  bool coarser;            // the error is larger than that of the default
 };
 
 std::vector<Expectation> expectations() {
@@ -72,8 +73,8 @@ TEST_CASE("approximations stay within their bounds", "[accuracy]") {
       }
 }
 
-TEST_CASE("each error appears in the stage that causes it", "[accuracy]") {
-  const Problem p = problem(3);  // its kernels are already compiled
+TEST_CASE("approximations increase the errors of the stages that compute powers", "[accuracy]") {
+  const Problem p = problem(3);  // N = 3, because its kernels have been compiled for the test above
   const StageTruth truth = compute_stage_truth(p);
   for (const auto& device : devices_under_test()) {
     const auto errors = [&](MathMode math) {
@@ -99,7 +100,7 @@ TEST_CASE("each error appears in the stage that causes it", "[accuracy]") {
   }
 }
 
-TEST_CASE("without approximations, kernels are compiled without the options for them", "[accuracy]") {
+TEST_CASE("the exact math mode adds no options for the compilation of kernels", "[accuracy]") {
   CHECK(arithmetic_options(MathMode::exact).empty());
 }
 

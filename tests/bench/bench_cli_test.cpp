@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tests of `ubs-lab bench` as a process: names, selection, files, comparison and exit code.
+// Tests that run `ubs-lab bench` as a process. They check the names and the selection of cases, the written
+// files, the comparison with a baseline, and the exit codes.
 #include <catch2/catch.hpp>
 #include <cstdlib>
 #include <nlohmann/json.hpp>
@@ -23,7 +24,7 @@ std::size_t lines(const std::string& text) {
   return static_cast<std::size_t>(std::count(text.begin(), text.end(), '\n'));
 }
 
-TEST_CASE("bench: --list and --run") {
+TEST_CASE("bench: --list prints the cases that --run selects") {
   const TempFolder folder;
   const Result all = run_ubs(folder, "bench --list");
   CHECK(all.code == 0);
@@ -33,13 +34,13 @@ TEST_CASE("bench: --list and --run") {
   CHECK(run_ubs(folder, "bench --list --sizes 320x240/5K --run '^adam.synthetic'").out ==
         "adam.synthetic.5K.320x240\n");
   CHECK(run_ubs(folder, "bench --run nosuchcase").code == 2);
-  CHECK(run_ubs(folder, "bench --list --model m.ply").code == 3);  // no such file
+  CHECK(run_ubs(folder, "bench --list --model m.ply").code == 3);  // the file does not exist
   put(folder / "m.ply", "a model");
-  CHECK(run_ubs(folder, "bench --list --model m.ply").code == 2);  // no data are given
+  CHECK(run_ubs(folder, "bench --list --model m.ply").code == 2);  // --model requires --data
   CHECK(run_ubs(folder, "bench --run adam --baseline absent.json").code == 3);
 }
 
-TEST_CASE("bench: JSON, and the exit code with a changed baseline") {
+TEST_CASE("bench: results are written as JSON, and the exit code is 8 if they are slower than the baseline") {
   const TempFolder folder;
   const std::string run = "bench --quick --run '(adam|raster_forward|iteration|render).synthetic' ";
   const Result first = run_ubs(folder, run + "--json a.json");
@@ -77,7 +78,7 @@ TEST_CASE("bench: JSON, and the exit code with a changed baseline") {
   put(folder / "old.json", other.dump());
   const std::string one = "bench --quick --run adam.synthetic ";
   const Result apart = run_ubs(folder, one + "--baseline old.json");
-  CHECK(apart.code == 3);  // earlier versions accepted a wrong file
+  CHECK(apart.code == 3);  // earlier versions accepted a baseline without any case of the run
   CHECK(apart.err.find("the baseline contains no case of this run") != std::string::npos);
   put(folder / "old.json", "{}");
   CHECK(run_ubs(folder, one + "--baseline old.json").code == 3);
@@ -85,8 +86,8 @@ TEST_CASE("bench: JSON, and the exit code with a changed baseline") {
 
 TEST_CASE("bench: an interrupted run saves its results so far and exits with 130") {
   const TempFolder folder;
-  // The signal is sent when the first of four cases is finished. For bash -m see the interrupted run in
-  // cli_test.cpp.
+  // The signal is sent when the first of four cases is finished. Without -m, bash would start the background
+  // process with SIGINT ignored.
   put(folder / "run.sh",
       fmt::format("'{}' bench --run '^iteration.*synthetic' --sizes 64x64/1K --min-time 1 --max-time 1 "
                   "--json a.json >out & pid=$!\n"
@@ -101,7 +102,7 @@ TEST_CASE("bench: an interrupted run saves its results so far and exits with 130
   CHECK(cases.size() < 4);
 }
 
-TEST_CASE("bench: several devices, a model with its data") {
+TEST_CASE("bench: a model with its data is measured on several devices") {
   const TempFolder folder;
   put_scene(folder / "data", 32, 8, 2);
   REQUIRE(
@@ -132,7 +133,7 @@ TEST_CASE("bench: data of other layouts and models of other variants are measure
   ubs_ok(folder, "bench --quick --device opencl --run '^lists' --set math=native --json t.json");
   const json report = json::parse(get(folder / "t.json"));
   CHECK(report["math"] == "native");
-  // The settings reach a stage, which then needs less memory.
+  // The settings also apply to single stages: without gradients of rgb, a stage needs less memory.
   const auto adam_bytes = [&](const std::string& options) {
     ubs_ok(folder, "bench --quick --device opencl --run adam.synthetic --overwrite --json a.json" + options);
     return json::parse(get(folder / "a.json"))["devices"][0]["cases"][0]["peak_bytes"].get<std::uint64_t>();
@@ -150,7 +151,7 @@ TEST_CASE("train: memory is predicted and reported") {
   REQUIRE(run.code == 0);
   CHECK(run.out.find("memory   predicted ") != std::string::npos);
   const json metrics = json::parse(get(folder / "run/metrics.json"));
-  // Observed on PoCL: 1.00.
+  // The ratio observed on PoCL is 1.00.
   CHECK(metrics["peak_device_bytes"].get<double>() / metrics["predicted_device_bytes"].get<double>() ==
         Approx(1).epsilon(0.03));
 }

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tests of measurements on devices: they measure what they claim to measure, and memory agrees with the
-// estimate.
+// Tests of the benchmark on devices. The measurements must cover the stages, settings and variants that they
+// name, and the memory that is allocated must agree with the estimate.
 #include <catch2/catch.hpp>
 
 #include "host/device/registry.hpp"
@@ -45,8 +45,8 @@ TEST_CASE("memory plan: training allocates what was predicted", "[memory]") {
         INFO(device->info().name << ", N = " << dim << ", raster "
                                  << (raster == RasterKind::cpu ? "cpu" : "gpu")
                                  << ": peak / predicted = " << ratio);
-        // Observed on PoCL: 0.977 to 0.987. The estimate includes the scratch memory of refinement, which is
-        // allocated by the first refinement.
+        // The ratios observed on PoCL are 0.977 to 0.987. The estimate includes the scratch memory of
+        // refinement, which is allocated only by the first refinement.
         CHECK(ratio > 0.97);
         CHECK(ratio < 1.01);
       }
@@ -69,7 +69,7 @@ TEST_CASE("memory plan: rendering and a growing model allocate what was predicte
       question.intersections = renderer.intersections();
       const double ratio = static_cast<double>(device->peak_bytes() - before) /
                            static_cast<double>(plan_memory(question).total());
-      CHECK(ratio > 0.99);  // observed on PoCL: 1.000
+      CHECK(ratio > 0.99);  // the ratio observed on PoCL is 1.000
       CHECK(ratio < 1.01);
     }
     TrainSettings settings;
@@ -87,8 +87,8 @@ TEST_CASE("memory plan: rendering and a growing model allocate what was predicte
     const double ratio =
         static_cast<double>(device->peak_bytes() - before) / static_cast<double>(plan.total());
     INFO(summary(plan) << ", ratio " << ratio);
-    CHECK(trainer.device_model().count() == 8000);  // ratio observed on PoCL: 1.009
-    CHECK(ratio > 0.97);
+    CHECK(trainer.device_model().count() == 8000);
+    CHECK(ratio > 0.97);  // the ratio observed on PoCL is 1.009
     CHECK(ratio < 1.03);
   }
 }
@@ -96,8 +96,8 @@ TEST_CASE("memory plan: rendering and a growing model allocate what was predicte
 TEST_CASE("memory plan: bytes per splat, pixel and intersection", "[memory]") {
   const MemoryPlan plan =
       plan_memory({.dim = 6, .splats = 64'000, .width = 160, .height = 160, .intersections = 1000});
-  // Four arrays of 35 parameters, the record and its gradient, five words for keys and counts, three for
-  // sorting, and four for MCMC.
+  // A splat needs four arrays of 35 parameters, its record and the gradient of the record (16 words each),
+  // five words for keys and counts, three words for sorting, and four words for relocation and growth.
   CHECK(plan.each(MemoryUnit::splat) == 4 * (4 * 35 + 16 + 16 + 5 + 3 + 4));
   CHECK(plan.each(MemoryUnit::intersection) == 4 * 2 + 2 + 64);
   CHECK(plan.largest().bytes == row_stride(64'000) * 35ull * 4);
@@ -113,8 +113,9 @@ TEST_CASE("memory plan: bytes per splat, pixel and intersection", "[memory]") {
   CHECK(summary(plan).find("MiB") != std::string::npos);
 }
 
-// With alpha_min, every stage and whole iterations use different kernels.
-TEST_CASE("bench: approximations reach every case", "[bench]") {
+// With alpha_min there are fewer intersections, so the number of intersections shows whether the setting is
+// used.
+TEST_CASE("bench: the setting alpha_min applies to single stages and to whole iterations", "[bench]") {
   for (const auto& device : devices_under_test()) {
     const BenchScene scene = synthetic_object(3, 3'000, 100, 70, 1);
     const auto of_step = [&](const TrainSettings& settings) {
@@ -131,14 +132,14 @@ TEST_CASE("bench: approximations reach every case", "[bench]") {
   }
 }
 
-TEST_CASE("bench: a model is measured in its own form", "[bench]") {
+TEST_CASE("bench: a model is measured with the variant of the model", "[bench]") {
   const ModelVariant form{.kernel = SpatialKernel::gaussian, .colour = ColourMode::sh1};
   for (const auto& device : devices_under_test()) {
     const RasterKind raster = raster_kind("auto", device->info());
     const BenchScene scene = random_start(3, 2'000, 64, 64, form);
     StepBench bench(*device, scene, raster);
     for (const std::string& stage : step_stages()) CHECK(bench.measure(stage, kOnce).wall_ms.median > 0);
-    // Splats with the Beta kernel extend to one standard deviation, these to three.
+    // The support of the Beta kernel ends at one standard deviation, that of the Gaussian kernel at three.
     const auto beta = StepBench(*device, random_start(3, 2'000, 64, 64), raster).totals().intersections;
     CHECK(bench.totals().intersections > 2 * beta);
     const IterationMeasurement m = measure_iterations(*device, scene, {.raster = raster, .limits = kOnce});
@@ -164,7 +165,7 @@ TEST_CASE("bench: every stage is measured, and the model is not changed", "[benc
   }
 }
 
-TEST_CASE("bench: iterations do not move the scene", "[bench]") {
+TEST_CASE("bench: measured iterations do not change the number of intersections", "[bench]") {
   for (const auto& device : devices_under_test()) {
     const BenchScene scene = synthetic_object(6, 2'000, 64, 64, 1);
     const std::uint64_t before =
@@ -176,7 +177,7 @@ TEST_CASE("bench: iterations do not move the scene", "[bench]") {
   }
 }
 
-TEST_CASE("bench: a case that exceeds the memory of the host adds a note", "[bench]") {
+TEST_CASE("bench: the result of a case for which the host has too little memory contains a note", "[bench]") {
   bench::RunOptions options;
   options.quick = true;
   options.limits = kOnce;

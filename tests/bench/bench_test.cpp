@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tests of the parts of the benchmark that need no device: statistics, scenes, cases and comparison.
+// Tests of those parts of the benchmark that need no device: statistics, scenes, cases, and the comparison of
+// results.
 #include <catch2/catch.hpp>
 #include <cmath>
 #include <nlohmann/json.hpp>
@@ -16,7 +17,7 @@ using namespace ubs::bench;
 using ubs::test::message_of;
 using ubs::test::TempFolder;
 
-TEST_CASE("bench: median, quartiles and the uncertainty of the median") {
+TEST_CASE("bench: the median, the quartiles and the uncertainty of the median are computed") {
   const Summary s = summarise(std::vector<double>{5, 1, 4, 2, 3});
   CHECK(s.samples == 5);
   CHECK(s.minimum == 1);
@@ -26,7 +27,8 @@ TEST_CASE("bench: median, quartiles and the uncertainty of the median") {
   CHECK(summarise({}).samples == 0);
   CHECK(summarise(std::vector<double>{7}).uncertainty() == 1);
 
-  // Compares the standard deviation of medians of 101 normal values with the estimate from one such set.
+  // Draws 400 sets of 101 normally distributed values. The uncertainty that is estimated from one set must
+  // agree with the standard deviation of the medians of all sets.
   std::mt19937 generator(1);
   std::normal_distribution<double> noise(10, 1);
   std::vector<double> medians, estimates;
@@ -40,10 +42,11 @@ TEST_CASE("bench: median, quartiles and the uncertainty of the median") {
   double mean = 0, squared = 0;
   for (const double m : medians) mean += m / 400;
   for (const double m : medians) squared += (m - mean) * (m - mean) / 400;
-  CHECK(summarise(estimates).median == Approx(std::sqrt(squared)).epsilon(0.03));  // observed: 0.2 %
+  // The observed difference is 0.2 %.
+  CHECK(summarise(estimates).median == Approx(std::sqrt(squared)).epsilon(0.03));
 }
 
-TEST_CASE("bench: sampling stops when the median is accurate enough, or the time is over") {
+TEST_CASE("bench: sampling stops when the median is accurate enough or the maximum time is over") {
   Sampler quiet({.uncertainty = 0.01, .min_seconds = 0, .max_seconds = 100, .min_samples = 5});
   for (int i = 0; i < 4; ++i) quiet.add(1);
   CHECK_FALSE(quiet.enough());
@@ -63,10 +66,12 @@ TEST_CASE("bench: the synthetic object has the documented statistics") {
     const BenchScene scene = synthetic_object(dim, 30'000, 200, 200, 1);
     const oracle::Render view =
         oracle::render(oracle::to_model(scene.model), scene.views.views[0].camera, {});
-    double object = 0, blended = 0;  // pixels with more than three splats, and the splats on them
+    // Numbers of pixels with more than three splats, and of splats on these pixels.
+    double object = 0, blended = 0;
     for (const int splats : view.contributors)
       if (splats > 3) ++object, blended += splats;
-    INFO("N = " << dim << ": " << blended / object << " blended an object pixel on " << object << " pixels");
+    INFO("N = " << dim << ": " << blended / object << " splats per pixel on the " << object
+                << " pixels of the object");
     CHECK(view.visible > 29'700);
     CHECK(blended / object == Approx(50).epsilon(0.2));
     CHECK(object / (200 * 200) == Approx(0.46).epsilon(0.1));
@@ -104,7 +109,7 @@ TEST_CASE("bench: the garden scene is read from a folder of arrays") {
   CHECK(message_of([&] { garden_scene(folder.path(), 6); }).find("Ks.npy") != std::string::npos);
 }
 
-TEST_CASE("bench: case names, sizes, selection") {
+TEST_CASE("bench: cases have unique names, are selected by regular expressions, and sizes are parsed") {
   const std::vector<BenchCase> cases = all_cases({});
   const auto has = [&](const char* name) {
     return std::ranges::find(cases, std::string(name), &BenchCase::name) != cases.end();
@@ -135,7 +140,8 @@ namespace {
 
 DeviceReport report_with(double median, double minimum, double quartiles) {
   CaseResult result;
-  result.name = std::string("adam.synthetic.30K.200x200");  // g++ 12 warns of the assignment of a literal
+  // g++ 12 warns if a string literal is assigned directly.
+  result.name = std::string("adam.synthetic.30K.200x200");
   result.wall_ms = {100, median, minimum, median - quartiles / 2, median + quartiles / 2};
   DeviceReport report;
   report.info.name = std::string("a device");

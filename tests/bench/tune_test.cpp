@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tests which constants `ubs-lab tune` chooses from simulated times. The time of each constant is independent
-// of the other constants.
+// Tests which values of tuned constants `ubs-lab tune` chooses. The times are simulated. Each value changes
+// the time by a factor that does not depend on the values of the other constants.
 #include <algorithm>
 #include <catch2/catch.hpp>
 #include <map>
@@ -17,14 +17,16 @@ const std::vector<TunedConstant> kTable{
     {"B", 8, {4, 16}, "c", RasterKind::gpu, {"x", "y"}},
 };
 
+// The behaviour of the simulated device.
 struct Given {
-  std::map<std::pair<std::string, unsigned>, double>
-      factor;  // by which the time is multiplied for a value that is not the default
-  std::map<std::pair<std::string, unsigned>, float> result;  // change of the outputs
-  std::pair<std::string, unsigned> refused{"", 0};
-  ErrorKind refusal = ErrorKind::device;
-  double noise = 0;  // additional time of every second call
-  std::vector<TuningValues> made;
+  // The factor by which a value that is not the default multiplies the time.
+  std::map<std::pair<std::string, unsigned>, double> factor;
+  // The amount by which a value changes the outputs.
+  std::map<std::pair<std::string, unsigned>, float> result;
+  std::pair<std::string, unsigned> refused{"", 0};  // the value with which kernels cannot be created
+  ErrorKind refusal = ErrorKind::device;            // the kind of the error in this case
+  double noise = 0;                                 // relative additional time of every third call
+  std::vector<TuningValues> made;                   // all combinations of values that have been tried
 };
 
 class GivenSubject final : public TuneSubject {
@@ -77,18 +79,18 @@ TEST_CASE("tune keeps the fastest value of each constant, combined with the cons
       .factor = {{{"A", 1}, 0.9}, {{"A", 2}, 0.8}, {{"A", 3}, 1.1}, {{"B", 4}, 0.99}, {{"B", 16}, 0.5}}};
   const Chosen chosen = choose(given);
   CHECK(chosen.values == TuningValues{{"A", 2}, {"B", 16}});
-  CHECK(chosen.trials.size() == 5);  // each candidate once, and none of the other rasteriser
+  CHECK(chosen.trials.size() == 5);  // one per candidate; constants of the other rasteriser are not tried
   CHECK(chosen.of("A", 2).kept);
   CHECK(chosen.of("A", 2).ms == Approx(8));
   CHECK(chosen.of("A", 2).before_ms == Approx(10));
   CHECK_FALSE(chosen.of("A", 1).kept);
   CHECK(chosen.of("A", 3).ratio == Approx(1.1));
-  CHECK(chosen.of("B", 4).ratio == Approx(0.99));  // less than two per cent
+  CHECK(chosen.of("B", 4).ratio == Approx(0.99));  // not kept, because it saves less than 2 %
   CHECK(chosen.of("B", 16).before_ms == Approx(0.8 * 12));
   CHECK(std::ranges::find(given.made, TuningValues{{"A", 2}, {"B", 16}}) != given.made.end());
 }
 
-TEST_CASE("tune stores nothing if no value is significantly faster") {
+TEST_CASE("tune chooses no value that is not significantly faster") {
   Given given;
   CHECK(choose(given).values.empty());
   given.factor = {{{"A", 1}, 0.97}, {{"B", 4}, 1.2}, {{"B", 16}, 0.985}};

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tests of the device check. It must detect kernels in which one formula or barrier is broken. A broken
-// device is skipped if ubs chose it, and rejected if the user chose it. Verdicts are stored.
+// Tests of the device check. The check must detect kernels in which one formula or one barrier is broken. If
+// the check of a device fails, ubs uses another device, but reports an error if the user has selected this
+// device. The results of checks, called verdicts, are stored.
 #include <unistd.h>
 
 #include <algorithm>
@@ -32,7 +33,8 @@ struct Mutation {
   const char *stage, *file, *original, *mutant;  // `stage` is the stage in which the error must be found
 };
 
-// One mutation each for forward, backward, lists, loss, the end of a step and relocation, and one barrier.
+// Changes that break kernels: one formula each of the forward pass, the backward passes, Adam, the gradient
+// of the loss, relocation and the tile lists, and one barrier.
 constexpr Mutation kMutations[] = {
     {"projection", "math/ellipse.h", "out.cov.c = s.c + eps2d;", "out.cov.c = s.c + R(1.01) * eps2d;"},
     {"backward rasteriser", "math/blend.h", "sums.r += step.weight * v_r;",
@@ -43,7 +45,7 @@ constexpr Mutation kMutations[] = {
     {"relocation", "math/mcmc.h", "ubs_softplus(raw_opacity) / parts",
      "ubs_softplus(raw_opacity) / (parts + V(1.0))"},
     {"lists", "opencl/tile_list_chunks.cl", "drawn += here > 0 ? 1 : 0;", "drawn += here > 1 ? 1 : 0;"},
-    // Without this barrier, one work-item reads values that the others have not written yet.
+    // Without this barrier, one work-item reads values that the other work-items have not written yet.
     {"loss", "gpu/loss.cl", "  UBS_BARRIER();\n  if (me > 0) return;", "  if (me > 0) return;"},
 };
 
@@ -61,7 +63,7 @@ std::vector<std::string> wrong_stages(const Result& result) {
   return wrong;
 }
 
-TEST_CASE("devices --check: correct kernels pass, with one line per stage") {
+TEST_CASE("devices --check: correct kernels pass, and one line is printed per stage") {
   const TempFolder folder;
   const Result text = ubs_ok(folder, kCheck);
   for (const char* stage :
@@ -73,18 +75,18 @@ TEST_CASE("devices --check: correct kernels pass, with one line per stage") {
   CHECK(devices["devices"][devices["chosen"].get<std::size_t>()]["check"]["verdict"] == "ok");
 }
 
-TEST_CASE("devices --check: a form that exists in only one dimension is checked in that dimension") {
+TEST_CASE("devices --check: a variant that requires N = 3 is rejected with another N") {
   const TempFolder folder;
   check_error(folder, "devices --check --dim 6 --rot-mode quaternion --device none-such",
               exit_code(ErrorKind::usage), "dim = 3");
   check_error(folder, "devices --check --dim 3 --rot-mode quaternion --device none-such",
               exit_code(ErrorKind::device), "none-such");
-  for (const char* dims : {"0", "6,2"})  // these were internal errors
+  for (const char* dims : {"0", "6,2"})  // earlier versions reported internal errors
     check_error(folder, fmt::format("devices --check --dim {} --device none-such", dims),
                 exit_code(ErrorKind::usage), "from 3 to 11");
 }
 
-TEST_CASE("correct kernels pass in the form of 3D Gaussian Splatting") {
+TEST_CASE("the device check passes with correct kernels of the 3D Gaussian Splatting variant") {
   KernelConfig config;
   config.dim = 3;
   config.variant.kernel = SpatialKernel::gaussian;
@@ -120,12 +122,12 @@ Backend broken_gpu() {
   return {list, [](std::size_t) { return opencl::open_device(0); }};
 }
 
-TEST_CASE("first use: a broken device is skipped if ubs chose it, and rejected if the user chose it") {
+TEST_CASE("first use: a broken device is skipped by default, and is an error if the user has selected it") {
   register_backend(broken_gpu());
   const TempFolder folder;
   const std::string kernels = mutant(folder, kMutations[0]).string();
   const Variable on("UBS_CHECK", "on"), any("UBS_DEVICE", nullptr);
-  // Uses a separate build number, for which no verdicts are stored.
+  // No verdicts are stored for this build number.
   const std::string build = fmt::format("test-{}-{}", ::getpid(), std::time(nullptr));
   const check::Use use{[](const DeviceInfo&) {
                          KernelConfig config;
@@ -148,10 +150,11 @@ TEST_CASE("first use: a broken device is skipped if ubs chose it, and rejected i
   const std::size_t broken = devices.size() - 1;
   REQUIRE(devices[broken].name == "Broken GPU");
   CHECK(choose_device(devices, "") == broken);
-  // In the first round, the verdict of the CPU is stored for the folder of the mutant, which was in use when
-  // the verdict was looked up.
+  // In the first round both devices are checked. In the second round the CPU is checked again: stored
+  // verdicts depend on the kernel folder, and in the first round UBS_KERNEL_DIR was still the folder of the
+  // broken kernels when the verdict of the CPU was looked up. In the third round all verdicts are found.
   for (const std::size_t checks : {2u, 1u, 0u}) {
-    INFO(checks << " checks expected");
+    INFO("this round should make " << checks << " checks");
     checked.clear(), warnings.clear();
     CHECK(check::choose_proved_device("", use, gate) == 0);
     CHECK(checked.size() == checks);
@@ -179,8 +182,8 @@ TEST_CASE("first use: a broken device is skipped if ubs chose it, and rejected i
   check::Verdicts(devices[0], build).forget();
 }
 
-// The cache folder may be shared, so another user may have written the file.
-TEST_CASE("verdicts: a file that another program wrote is read with the limits of all JSON, and replaced") {
+// The cache folder may be shared, so another user may have written the file with the verdicts.
+TEST_CASE("verdicts: invalid or deeply nested JSON in the file is ignored, and the file can be replaced") {
   const TempFolder folder;
   DeviceInfo device;
   device.name = fmt::format("Device of verdicts {}", ::getpid());

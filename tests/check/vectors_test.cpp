@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tests of the reference data of the device check, and of the table of forms. The tests check which form
-// represents which other forms, that all forms exist, and that damaged data are rejected.
+// Tests of the reference data of the device check, and of the table of forms. A form is a combination of a
+// variant, N and the setting query_grad for which reference data exist (host/check/forms.hpp). The tests
+// check which form is used in place of combinations without reference data, that the data of all forms are
+// complete, and that damaged data are rejected.
 #include "host/check/vectors.hpp"
 
 #include <algorithm>
@@ -13,7 +15,7 @@
 namespace ubs::check {
 namespace {
 
-TEST_CASE("forms: each form of the table represents itself, and all N are included") {
+TEST_CASE("forms: each form of the table is checked itself, and the table contains a form for every N") {
   for (std::size_t i = 0; i < forms().size(); ++i) {
     INFO("N = " << forms()[i].dim << ", " << to_string(forms()[i].variant));
     CHECK(nearest_form(forms()[i]) == i);
@@ -28,9 +30,11 @@ TEST_CASE("forms: a form without reference data is checked in the nearest form w
   const ModelVariant whiten{.cov_mode = CovMode::whiten};
   ModelVariant whiten_sh1 = whiten;
   whiten_sh1.colour = ColourMode::sh1;
-  CHECK(nearest({6, whiten, true}) == Form{6, whiten});  // as near as {6, {}, true}, and listed before it
-  CHECK(nearest({6, whiten_sh1, false}) == Form{6, whiten});  // likewise before {6, sh1}
-  CHECK(nearest({9, whiten}) == Form{9});                     // only N matters
+  // The form {6, {}, true} is equally near, but follows later in the table.
+  CHECK(nearest({6, whiten, true}) == Form{6, whiten});
+  // The form {6, sh1} is equally near, but follows later in the table.
+  CHECK(nearest({6, whiten_sh1, false}) == Form{6, whiten});
+  CHECK(nearest({9, whiten}) == Form{9});  // the only form with N = 9
   CHECK(nearest({3, {}, true}) == Form{3});
   const ModelVariant dbs3{.rot_mode = RotMode::quaternion, .colour = ColourMode::sb3};
   CHECK(nearest({3, dbs3}).variant.rot_mode == RotMode::quaternion);
@@ -40,7 +44,7 @@ TEST_CASE("forms: a form without reference data is checked in the nearest form w
   const KernelConfig checked = checked_config(config);
   CHECK(form_of(checked) == Form{7, {}, true});
   CHECK(checked.alpha_min == 0);
-  CHECK_FALSE(checked.backward);  // chosen by the caller, like the rasteriser
+  CHECK_FALSE(checked.backward);  // remains as the caller has chosen it, like the rasteriser
   CHECK(form_text(checked) == "N = 7, vectors, query_grad, forward only");
 }
 
@@ -55,7 +59,7 @@ TEST_CASE("vectors: every form has a scene with gradients") {
                    .variant = f.problem.model.variant}) == forms()[i]);
     CHECK(f.problem.camera.width == kWidth);
     CHECK(f.problem.camera.height == kHeight);
-    CHECK(std::ranges::count(f.truth.visible, 1) > 128);  // more than a batch of any rasteriser
+    CHECK(std::ranges::count(f.truth.visible, 1) > 128);  // more splats than a batch of any rasteriser
     const auto undecided = static_cast<std::size_t>(std::ranges::count(f.problem.undecided, 1));
     CHECK(undecided < f.problem.undecided.size() / 4);
     for (const ParameterGroup& group : parameter_groups(f.problem.model.layout())) {
@@ -67,7 +71,7 @@ TEST_CASE("vectors: every form has a scene with gradients") {
   }
 }
 
-TEST_CASE("vectors: unpacking restores packed data, and damage is detected") {
+TEST_CASE("vectors: unpacking restores the packed reference data, and damaged data are rejected") {
   const Vectors& v = embedded_vectors();
   const std::vector<std::byte> bytes = pack(v);
   const Vectors again = unpack(bytes);

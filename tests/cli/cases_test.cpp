@@ -31,7 +31,7 @@ using test::ubs_ok;
 struct DataCase {
   const char* name;
   int views;    // total of all splits
-  double psnr;  // mean over all images, in dB; 0: the control has another scene or another unit
+  double psnr;  // mean over all images, in dB; 0: not tested, because the control has another scene or unit
   int points, masks;
   const char* notes;
 };
@@ -49,7 +49,8 @@ const std::vector<DataCase> kData{
     {"06-colmap4-FISHEYE", 9, 32.13, 200, 0, "undistorted 128x96 to 181x114 (105 degrees|11 % of the image"},
     {"06-colmap4-SIMPLE_DIVISION", 9, 33.37, 200, 0, "undistorted 128x96 to 132x97 (62 degrees"},
     {"07-names-backslash-colmap", 9, 33.73, 200, 0, R"(9 images found|'images/cam0/im000.png' for 'cam0\im)"},
-    // The JPEG files of this case differ from the PNG files of the others by 30.4 dB.
+    // The PSNR of this case is lower, because its images are JPEG files. Their PSNR against the PNG files of
+    // the other cases is 30.4 dB.
     {"07-names-case", 9, 29.65, 200, 0, "9 images found|'images/IMG000.jpg' for 'IMG000.JPG'"},
     {"07-names-deeper-on-disk", 9, 33.73, 200, 0, "9 images found|'images/scan/day1/im000.png' for 'im000"},
     {"07-names-jpeg-model-png-files", 9, 33.73, 200, 0, "9 images found|'images/im000.png' for 'im000.jpg'"},
@@ -99,7 +100,7 @@ const std::vector<ModelCase> kModels{
 
 struct RefusedCase {
   const char* name;
-  bool data;  // is also passed to `ubs train`
+  bool data;  // whether the input is a data set, which is also passed to `ubs train`
   const char* words;
 };
 
@@ -115,7 +116,7 @@ const std::vector<RefusedCase> kRefused{
     {"32-null-codebook.sog", false, "meta.json: scales.codebook[0] is null"},
 };
 
-// Returns the parts of a message that a row requires. They are separated by "|".
+// Returns the parts of a message that a row of a table requires. In the table, "|" separates them.
 std::vector<std::string> parts_of(const char* words) {
   std::vector<std::string> all;
   std::istringstream stream(words);
@@ -123,7 +124,7 @@ std::vector<std::string> parts_of(const char* words) {
   return all;
 }
 
-// Returns all notes of `ubs info --json` about a data folder, one per line, as the terminal has them.
+// Returns all notes of `ubs info --json` about a data folder. Each line contains a note, as on the terminal.
 std::string notes_of(const json& info) {
   std::string text;
   for (const json& note : info["report"]["notes"]) text += note.get<std::string>() + "\n";
@@ -224,7 +225,7 @@ TEST_CASE("cases: models can be trained on scenes with unusual cameras") {
   CHECK(test_psnr(trained("34-principal-point-far-off")) > 30);  // PoCL: 39.11 dB; earlier versions: 3.8 dB
 }
 
-// With fewer iterations than this, the splats do not cover the images.
+// The test needs 3000 iterations: after fewer iterations, the splats do not cover the images.
 TEST_CASE("cases: a model of opaque images does not depend on the background") {
   if (!test::whole_sweep()) return;
   UBS_REQUIRE_DATA(cases, "cases");

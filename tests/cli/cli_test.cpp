@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tests the executable as users run it: as a process, checked by its exit code, output and files.
+// Tests the executable as users run it. Each test starts it as a process, and checks its exit code, its
+// output and the files that it writes.
 #include <catch2/catch.hpp>
 #include <chrono>
 #include <cmath>
@@ -56,7 +57,7 @@ void put_trained(const TempFolder& folder) {
   fs::copy(made / "run/model.ply", folder / "run/model.ply");
 }
 
-TEST_CASE("cli: help and version") {
+TEST_CASE("cli: --help and --version print their texts") {
   const TempFolder folder;
   for (const char* command : {"", "train", "render", "eval", "info", "synth", "devices"}) {
     const Result result = ubs_ok(folder, fmt::format("{} --help-all", command));
@@ -71,7 +72,7 @@ TEST_CASE("cli: help and version") {
   CHECK(ubs_ok(folder, "--version").out.starts_with("ubs "));
 }
 
-TEST_CASE("cli: metrics of images and folders") {
+TEST_CASE("cli: metrics compares images and folders") {
   const TempFolder folder;
   synthesise(folder);
   const auto measure = [&](const std::string& arguments) {
@@ -110,7 +111,7 @@ TEST_CASE("cli: metrics of images and folders") {
   CHECK_FALSE(fs::exists(folder / "o/model.ply"));
 }
 
-TEST_CASE("cli: wrong usage is one line and exit code 2") {
+TEST_CASE("cli: wrong usage gives a message of one line and exit code 2") {
   const TempFolder folder;
   check_error(folder, "trian", 2, "did you mean 'train'?");
   check_error(folder, "train --out o", 2, "no data folder given");
@@ -122,7 +123,7 @@ TEST_CASE("cli: wrong usage is one line and exit code 2") {
   check_error(folder, "train photo.JPG", 3, "this is one image: pass a folder of images");
   for (const std::string command : {"train ", "cameras "}) {
     check_error(folder, command + "clip.mp4", 3,
-                "this is a video: cut it into images ('mkdir photos; ffmpeg -i clip.mp4 -vf fps=2");
+                "this is a video: extract its frames ('mkdir photos; ffmpeg -i clip.mp4 -vf fps=2");
     check_error(folder, command + "IMG_1.HEIC", 3,
                 "convert all photographs in its folder ('cd .; for f in *.HEIC; do heif-convert \"$f\" "
                 "\"${f%.*}.jpg\"; done')");
@@ -136,7 +137,7 @@ TEST_CASE("cli: wrong usage is one line and exit code 2") {
   check_error(folder, "render --model m --data d --out o --format jpg", 2, "jpg");
   check_error(folder, "eval --model m --data d --set iterations=3", 2, "unknown key 'iterations'");
   check_error(folder, "synth castle --out o", 2, "castle");
-  CHECK(file_count(folder.path()) == 6);  // stdout.txt and stderr.txt: nothing else was created
+  CHECK(file_count(folder.path()) == 6);  // the four files above, stdout.txt and stderr.txt
 }
 
 // In earlier versions, each of these commands ran and ignored the option.
@@ -166,10 +167,11 @@ TEST_CASE("cli: an option is rejected if the option that it requires is missing"
   check_error(folder, "convert m.ply o.spz --degree 1 --distill 0", 2,
               "--degree requires that the Gaussians");
   check_error(folder, "convert m.ply o.spz --series 2 --time 1", 2, "--time excludes");
-  CHECK(file_count(folder.path()) == 2);  // stdout.txt and stderr.txt: nothing else was created
+  CHECK(file_count(folder.path()) == 2);  // only stdout.txt and stderr.txt exist
 }
 
-// If this is only detected at the end, the results are lost, and tune, bench and reduce run for minutes.
+// Commands such as tune, bench and reduce run for minutes. If they only noticed at the end that they cannot
+// write the file, their results would be lost.
 TEST_CASE("cli: a file that cannot be written is rejected before the work starts") {
   const TempFolder folder;
   put(folder / "g/full", "");
@@ -185,7 +187,7 @@ TEST_CASE("cli: a file that cannot be written is rejected before the work starts
 
 // In earlier versions, a range without an upper limit printed the 309 digits of the largest double, and NaN
 // was inside every range.
-TEST_CASE("cli: a number out of range is one short line, and NaN is out of every range") {
+TEST_CASE("cli: a number that is out of range gives one short line, and NaN is out of every range") {
   const TempFolder folder;
   const auto refused = [&](const std::string& arguments, const std::string& message) {
     check_error(folder, arguments, 2, message);
@@ -210,7 +212,7 @@ TEST_CASE("cli: a number out of range is one short line, and NaN is out of every
   CHECK(file_count(folder.path()) == 2);
 }
 
-TEST_CASE("cli: unusable data is one line and exit code 3") {
+TEST_CASE("cli: unusable data gives a message of one line and exit code 3") {
   const TempFolder folder;
   check_error(folder, "train --data nowhere --out o", 3, "nowhere: no such data folder");
   check_error(folder, "info none.ply", 3, "none.ply: no such file");
@@ -337,7 +339,7 @@ TEST_CASE("cli: synth, train, eval, render, info, gradients work together") {
   CHECK(info["opacity_quantiles"]["100%"].get<double>() < 1);
 }
 
-TEST_CASE("cli: a model keeps its form from training to evaluation") {
+TEST_CASE("cli: training, eval, render and gradients use the same variant of a model") {
   const TempFolder folder;
   synthesise(folder);
   train(folder, "run",
@@ -363,7 +365,7 @@ TEST_CASE("cli: a model keeps its form from training to evaluation") {
   check_error(folder, "train --data data --out no --kernel cubic", 2, "kernel");
 }
 
-TEST_CASE("cli: the unit of the data does not matter") {
+TEST_CASE("cli: results of training do not depend on the unit of the data") {
   const TempFolder folder;
   synthesise(folder);
   fs::copy(folder / "data", folder / "tiny", fs::copy_options::recursive);
@@ -393,8 +395,9 @@ TEST_CASE("cli: the unit of the data does not matter") {
   CHECK(number(as_it_is["test"]["mean"]["psnr"]) < psnr - 0.5);
   // The noise of positions has the same strength, relative to the scene, as in published scenes.
   CHECK(number(own["settings"]["noise_lr"]) == 1.6e7);
-  CHECK(as_it_is["settings"]["noise_lr"] == "auto");  // 1e6
-  // The written model is in the unit of the data, so its values differ by the rounding of the multiplication.
+  CHECK(as_it_is["settings"]["noise_lr"] == "auto");  // in this run, auto means 1e6
+  // The written model is in the unit of the data, and training uses another unit. So the values in the file
+  // are products that were rounded.
   for (const char* run : {"own", "tiny-run"}) {
     const json measured = json::parse(ubs_ok(folder, fmt::format("eval {} --json", run)).out);
     const json& then = run == std::string("own") ? own : tiny;
@@ -403,7 +406,7 @@ TEST_CASE("cli: the unit of the data does not matter") {
   check_error(folder, "train --data data --out no --cov-param skew_nd --unit 5", 2, "choose unit = 1");
 }
 
-TEST_CASE("cli: settings that skip work are recorded, and repeated with the configuration of the run") {
+TEST_CASE("cli: alpha_min and freeze are recorded, and eval uses them again") {
   const TempFolder folder;
   synthesise(folder);
   train(folder, "run", "--alpha-min 0.05 --freeze rgb --unit 1");
@@ -456,7 +459,7 @@ TEST_CASE("cli: gradients agree with finite differences of their own loss") {
   CHECK((loss[1] - loss[0]) / (2 * h) == Approx(squared).epsilon(0.005));
 }
 
-TEST_CASE("cli: gradients with a target file, and invalid arguments") {
+TEST_CASE("cli: gradients accepts a target file and rejects invalid arguments") {
   const TempFolder folder;
   put_trained(folder);
   const std::string base = "gradients --model run/model.ply --data data --out g.ply --overwrite --view ";

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tests the executable in a hostile environment: caches that cannot be written, closed or full standard
-// streams, little memory, and signals.
+// Tests the executable in unfavourable environments: with caches that cannot be written, with standard
+// streams that are closed or full, with little memory, and with signals.
 #include <unistd.h>
 
 #include <catch2/catch.hpp>
@@ -29,7 +29,8 @@ using test::run_ubs;
 using test::TempFolder;
 using test::ubs_ok;
 
-// Returns a command with `variables` instead of those that the test was started with.
+// Returns a shell command that runs the program with the environment variables `variables`, and without the
+// variables for cache folders that the test was started with.
 std::string with_cache(const std::string& variables, const std::string& arguments) {
   return fmt::format("env -u POCL_CACHE_DIR -u UBS_KERNEL_CACHE -u XDG_CACHE_HOME TMPDIR=$PWD {} '{}' {}",
                      variables, program_of(arguments), arguments);
@@ -41,7 +42,8 @@ std::size_t lines(const std::string& text) {
 
 bool works(const std::string& command) { return std::system((command + " >/dev/null 2>&1").c_str()) == 0; }
 
-// Loading a library from the working folder would run code that may be part of someone else's data.
+// Loading a library from the working folder would be unsafe: the folder may contain data of another user, and
+// code in it would be run.
 TEST_CASE("no library is searched for in the working folder") {
   const TempFolder folder;
   const Result result = run_command(folder, fmt::format("env LD_DEBUG=libs '{}' --version", UBS_EXECUTABLE));
@@ -55,7 +57,7 @@ TEST_CASE("no library is searched for in the working folder") {
         std::string::npos);  // a command without images does not load OpenCV's codecs
 }
 
-TEST_CASE("without the OpenCV module, commands that do not need it work, and others report what is missing") {
+TEST_CASE("without the OpenCV module, commands that do not need it work, and others name the module") {
   const TempFolder folder;
   std::filesystem::copy(UBS_EXECUTABLE, folder / "ubs");
   ubs_ok(folder, "synth glossy --size 16 --views 2 --test-views 1 --supersampling 1 --out data");
@@ -69,7 +71,7 @@ TEST_CASE("without the OpenCV module, commands that do not need it work, and oth
   CHECK(missing.err.find("ubs: error: libubs_opencv-") != std::string::npos);
 }
 
-TEST_CASE("a kernel cache that cannot be written is replaced, in one line") {
+TEST_CASE("if the kernel cache cannot be written, another folder is used, with a warning of one line") {
   for (const std::string variable : {"UBS_KERNEL_CACHE", "XDG_CACHE_HOME", "HOME", "POCL_CACHE_DIR"}) {
     const TempFolder folder;
     put(folder / "file", "");
@@ -101,7 +103,7 @@ TEST_CASE("without a folder of the user, kernels are compiled in a folder that b
         run_command(folder, fmt::format("strace -f -qq -e trace=mkdir,openat -o calls env -u HOME {}",
                                         with_cache(given, "devices")));
     if (result.code == 127) {
-      WARN("no strace here: not tested");
+      WARN("this test is skipped: strace is not installed");
       return;
     }
     INFO(given << "\n" << result.err);
@@ -139,7 +141,7 @@ TEST_CASE("a damaged kernel cache is repaired, with one warning") {
   }
 }
 
-TEST_CASE("without any folder for kernels, the error reports this and not a missing driver") {
+TEST_CASE("if no folder can store kernels, the error names these folders, and not a missing driver") {
   const TempFolder folder;
   put(folder / "file", "");
   const Result result = run_command(folder, with_cache("HOME=file TMPDIR=/proc", "devices"));
@@ -152,7 +154,7 @@ TEST_CASE("without any folder for kernels, the error reports this and not a miss
 
 TEST_CASE("a full disk that contains the kernel cache is detected before the driver is used") {
   if (!works("unshare -rm true")) {
-    WARN("no user namespaces here: not tested");
+    WARN("this test is skipped: user namespaces are not available");
     return;
   }
   const TempFolder folder;
@@ -165,11 +167,12 @@ TEST_CASE("a full disk that contains the kernel cache is detected before the dri
   CHECK(result.err.find("No space left on device") != std::string::npos);
 }
 
-// Creates a tiny data set and, with `iterations`, the arguments of a very short training.
+// Creates a tiny data set in data/.
 void make_data(const TempFolder& folder) {
   ubs_ok(folder, "synth glossy --out data --width 16 --height 16 --views 2 --test-views 1");
 }
 
+// Returns the command of a very short training with this data set.
 std::string train_command(int iterations, const std::string& more = "") {
   return fmt::format(
       "'{}' train --data data --out run --overwrite --dim 3 --iterations {} --init-points 10 --cap-max 10 {}",
@@ -197,7 +200,7 @@ TEST_CASE("every command fails if it cannot write to stdout") {
     CHECK(result.err.find(": error: cannot write to standard output: No space left on device\n") !=
           std::string::npos);
   }
-  // Commands that write files have written them nevertheless.
+  // Commands that write files have nevertheless written them completely.
   for (const char* file : {"copy.ply", "copy.ubsd", "run/model.ply", "run2/metrics.json"})
     CHECK(std::filesystem::exists(folder / file));
   const Result errors =
@@ -223,12 +226,12 @@ TEST_CASE("a closed pipe ends a printing command without a message, but not a tr
   CHECK(get(folder / "err.txt").find("ubs: ") == std::string::npos);
   CHECK(std::filesystem::exists(folder / "run/model.ply"));
   std::filesystem::remove_all(folder / "run");
-  // Progress is written to a closed pipe with 2>&1.
+  // With 2>&1, the training also writes its progress to the closed pipe.
   CHECK(into_closed_pipe("exec 2>&1; " + train_command(30, "--set eval_every=10")) == 0);
   CHECK(std::filesystem::exists(folder / "run/model.ply"));
 }
 
-TEST_CASE("closed standard streams: files that are opened do not get their descriptors") {
+TEST_CASE("if standard streams are closed, their output is not written into files of the training") {
   const TempFolder folder;
   make_data(folder);
   for (const char* closed : {">&- 2>&-", ">&-", "2>&-", "<&- >&- 2>&-", "<&-"}) {
@@ -244,7 +247,7 @@ TEST_CASE("closed standard streams: files that are opened do not get their descr
   }
 }
 
-TEST_CASE("the largest size of a file is an error, not a signal") {
+TEST_CASE("exceeding the maximum size of a file gives an error, and does not end the process by a signal") {
   const TempFolder folder;
   const Result result = run_command(
       folder, fmt::format("bash -c \"ulimit -f 4; exec '{}' synth glossy --out data\"", UBS_EXECUTABLE));
@@ -260,13 +263,12 @@ Result train_with_little(const TempFolder& folder, int mebibytes, const std::str
                   1024 * mebibytes, environment, train_command(2, "--quiet")));
 }
 
-TEST_CASE(
-    "little address space: exit code 6 and a message with numbers, instead of a crash inside the driver") {
+TEST_CASE("too little address space gives a message with numbers, instead of a crash inside the driver") {
   const TempFolder folder;
   make_data(folder);
-  // The program itself needs 200 MiB, the driver about 400 more, and its compiler 90.
+  // The program itself needs 200 MiB. The driver needs about 400 MiB more, and its compiler needs 90 MiB.
   for (const int mebibytes : {350, 550}) {
-    // No kernels have been compiled yet, as for a new user.
+    // Remove compiled kernels, so that the driver has to compile them, as for a new user.
     std::filesystem::remove_all(folder / "kernels");
     const Result result =
         train_with_little(folder, mebibytes, "env -u POCL_CACHE_DIR UBS_KERNEL_CACHE=kernels");
@@ -279,7 +281,7 @@ TEST_CASE(
   const Result enough = train_with_little(folder, 64000, "");
   INFO(enough.err);
   CHECK(std::filesystem::exists(folder / "run/model.ply"));
-  // Tests the memory that a plan assumes, and its message.
+  // The output of plan must show the limit, and where it comes from.
   const std::string plan = fmt::format(
       "bash -c \"ulimit -v 64000000; exec '{}' plan --data data --dim 3 --iterations 1 "
       "--init-points 10 --cap-max 10\"",
@@ -287,8 +289,9 @@ TEST_CASE(
   CHECK(run_command(folder, plan).out.find(" 62500 MiB (address space, ulimit -v)") != std::string::npos);
 }
 
-// Starts the command in a control group whose parent has a limit of 300 MiB. Mounts files of the test instead
-// of those of the system, so that both versions of control groups are tested on every machine.
+// Runs the command with files of the test in place of those that describe the control group of a process.
+// The tests write files for a control group whose parent has a limit of 300 MiB. In this way, both versions
+// of control groups are tested on every machine.
 Result run_in_group(const TempFolder& folder, const std::string& command) {
   return run_command(
       folder, fmt::format("unshare -rm sh -c \"mount --bind cgroup /proc/\\$\\$/cgroup && mount --bind "
@@ -296,7 +299,7 @@ Result run_in_group(const TempFolder& folder, const std::string& command) {
                           command));
 }
 
-TEST_CASE("the memory limit of a control group: exit code 6 and a message with numbers, before training") {
+TEST_CASE("exceeding the memory limit of a control group gives exit code 6 and numbers before training") {
   const TempFolder folder;
   make_data(folder);
   const std::string limit = std::to_string(300 << 20);
@@ -326,24 +329,25 @@ TEST_CASE("the memory limit of a control group: exit code 6 and a message with n
   CHECK(other.code == 0);
 }
 
-// The limit counts the processes and threads of a user, and does not apply to root.
+// Returns a command that runs `command` with a limit for the processes and threads of the user. The limit
+// does not apply to root, so root runs the command as another user.
 std::string with_tasks(int most, const std::string& command) {
   return fmt::format("{}prlimit --nproc={} {}",
                      ::geteuid() == 0 ? "setpriv --reuid=65534 --regid=65534 --clear-groups " : "", most,
                      command);
 }
 
-TEST_CASE("if the system refuses another thread: exit code 6 and a message, before the driver aborts") {
+TEST_CASE("if the system refuses another thread, ubs ends with exit code 6 before the driver aborts") {
   const TempFolder folder;
   make_data(folder);
   std::filesystem::permissions(folder.path(), std::filesystem::perms::all);
   if (!works(with_tasks(1000, fmt::format("'{}' --version", UBS_EXECUTABLE))) ||
       works(with_tasks(1, "sh -c '(true); true'"))) {
-    WARN("the number of threads cannot be limited here: not tested");
+    WARN("this test is skipped: the number of threads cannot be limited");
     return;
   }
-  // With two, ubs itself has enough threads, but PoCL has not: it needs one for each core and one for its
-  // linker.
+  // With a limit of two threads, ubs itself has enough threads, but PoCL does not. PoCL needs one thread for
+  // each core, and one for its linker.
   for (const auto& [most, arguments] :
        {std::pair(1, "info data"), std::pair(1, "devices"), std::pair(2, "devices"),
         std::pair(2, "train data --out run --dim 3")}) {
@@ -387,11 +391,11 @@ TEST_CASE("PoCL stores its kernels in the folder of ubs; training builds all of 
   CHECK(get(folder / "run/metrics.json").find("lpips_alex") != std::string::npos);
   const Result cold = run_command(folder, with_cache("UBS_KERNEL_CACHE=off", train(1)));
   CHECK(cold.code == 0);
-  CHECK_THAT(cold.err, !Catch::Contains("warning"));  // such as one about the files of the kernel compiler
+  CHECK_THAT(cold.err, !Catch::Contains("warning"));  // for example about files of the kernel compiler
   CHECK_FALSE(std::filesystem::exists(folder / fmt::format("ubs-{}/pocl", ::geteuid())));
 }
 
-TEST_CASE("a hangup saves a training like Ctrl-C; nohup still ignores it") {
+TEST_CASE("SIGHUP ends and saves a training like Ctrl-C, but has no effect with nohup") {
   const TempFolder folder;
   make_data(folder);
   const std::string train =

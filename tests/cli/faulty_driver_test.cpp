@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tests that a failing driver does not hide the devices of another driver, and that it is reported once. The
-// other driver is PoCL.
+// Tests that a failing driver does not hide the devices of another driver, and that each failure is reported
+// once. The other driver is PoCL.
 #include <filesystem>
 #include <nlohmann/json.hpp>
 
@@ -33,7 +33,8 @@ TEST_CASE("the devices of working drivers are listed even if another driver fail
     INFO(fault << "\n" << listed.err);
     CHECK(json::parse(listed.out)["devices"] == sound["devices"]);
     const bool devices = std::string(fault) == "device";
-    // Devices are listed more than once in a process.
+    // Each of the two faulty devices, or the faulty platform, must be reported only once, although ubs lists
+    // the devices several times in a process.
     CHECK(std::ranges::count(listed.err, '\n') == (devices ? 2 : 1));
     CHECK(listed.err.find("ubs: warning: ") == 0);
     CHECK(listed.err.find("'Faulty Driver' is not used: ") != std::string::npos);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tests of what new users encounter: models that store their render settings and training cameras, folders
-// instead of files, limits that are respected, and messages that are true.
+// Tests functions that new users need first: models store their render settings and training cameras,
+// commands accept folders instead of files, limits are respected, and messages are correct.
 #include <algorithm>
 #include <array>
 #include <catch2/catch.hpp>
@@ -46,7 +46,8 @@ std::string all_commands(const TempFolder& folder) {
   return ubs_ok(folder, "").out + test::run_command(folder, fmt::format("'{}'", UBS_LAB_EXECUTABLE)).out;
 }
 
-// Training in the unit of the data makes the written model bit-identical to that of training.
+// With --unit 1, training computes in the unit of the data. So the values of the written model are exactly
+// those of training.
 constexpr const char* kShort = "--dim 6 --iterations 60 --init-points 300 --cap-max 300 --unit 1 --quiet";
 
 TEST_CASE("a model is rendered with its training settings, unless an option overrides them") {
@@ -61,11 +62,11 @@ TEST_CASE("a model is rendered with its training settings, unless an option over
     return std::pair{json::parse(result.out)["mean"]["psnr"].get<double>(), result.err};
   };
   CHECK(measured("alone.ply", "") == std::pair{psnr, std::string()});
-  CHECK(measured("run", "").first == psnr);  // its folder is also accepted
+  CHECK(measured("run", "").first == psnr);  // the folder of the run is also accepted
   const auto [other, remark] = measured("alone.ply", "--background 0,0,0");
   CHECK(std::abs(other - psnr) > 1);
   CHECK_THAT(remark, Contains("rendering with background = 0,0,0, but the model was trained with 1,0.5,0"));
-  // Models created from it also store these settings.
+  // Models that are created from this model also store these settings.
   ubs_ok(folder, "reduce --model run --data data --lossless --out small.ply --quiet");
   ubs_ok(folder, "convert run copy.ply --to ubs");
   for (const char* file : {"small.ply", "copy.ply"})
@@ -92,7 +93,7 @@ TEST_CASE("a run stores its data folder and the settings for reading it") {
   // Options and a data folder that are given take precedence.
   CHECK(psnr(ubs_ok(folder, "eval sets/run --downscale 1 --fps-views 0 --json").out) != trained);
   CHECK(psnr(ubs_ok(folder, "eval sets/run sets/data --downscale 2 --fps-views 0 --json").out) == trained);
-  // Images also have the size that the run used.
+  // Rendered images also have the size of the images with which the run was trained.
   ubs_ok(folder, "render sets/run sets/data --views 0 --out drawn");
   const fs::path picture = folder / "drawn/r_000.png";
   CHECK(load_image(picture).width == 32);
@@ -114,7 +115,8 @@ TEST_CASE("a run stores its data folder and the settings for reading it") {
   INFO(besides.err);
   REQUIRE(besides.code == 0);
   CHECK(psnr(besides.out) == trained);
-  // A model without its run, a run whose data were replaced by different data, and no data.
+  // Three errors are tested: a model without its run, a run whose data folder does not exist, and, at the end
+  // of this test, a run whose data were replaced by different data.
   fs::copy(folder / "sets/run/model.ply", folder / "alone.ply");
   check_error(folder, "eval alone.ply", 2, "no data folder given");
   fs::rename(folder / "sets/data", folder / "sets/elsewhere");
@@ -154,7 +156,7 @@ TEST_CASE("every command that accepts a model accepts the folder of its run with
   for (std::string line, command; std::getline(lines, line);) {
     if (!line.starts_with("  ") || line[2] == ' ') continue;
     std::istringstream(line) >> command;
-    if (command == "stress") continue;  // its options are those of Catch2
+    if (command == "stress") continue;  // Catch2 reads the options of this command
     const std::string& help = whole_help(command);
     const std::string options = help.substr(std::min(help.find("Positionals:"), help.find("Options:")));
     const bool takes = std::ranges::any_of(
@@ -312,7 +314,7 @@ TEST_CASE("without points, splats start where the cameras look") {
   for (const float x : moved.row(0)) CHECK(std::abs(x - 50) < 5);
 }
 
-TEST_CASE("splats start where the images agree, and config.yaml reproduces this") {
+TEST_CASE("initial splats are found by comparing images, and config.yaml reproduces them") {
   const TempFolder folder;
   put_scene(folder / "data", 200, 24, 1);
   const Result first = ubs_ok(folder, "train data --dim 3 --out a --budget 20s --cap-max 1200");
@@ -320,7 +322,8 @@ TEST_CASE("splats start where the images agree, and config.yaml reproduces this"
              Contains("initial points found by comparing images") && Contains("begins   1200 splats"));
   ubs_ok(folder, "train data --spec a/config.yaml --out b");
   CHECK(get(folder / "a/model.ply") == get(folder / "b/model.ply"));
-  CHECK_THAT(get(folder / "a/config.yaml"), Contains("\nfind_points: 20000"));  // a short budget finds fewer
+  // With a long budget, find_points would be larger.
+  CHECK_THAT(get(folder / "a/config.yaml"), Contains("\nfind_points: 20000"));
   CHECK_THAT(ubs_ok(folder, "train data --dim 3 --out g --iterations 1 --set find_points=0").out,
              !Contains("initial points found"));
   CHECK_THAT(ubs_ok(folder, "train data --dim 3 --out c --iterations 1 --init-points 70").out,
@@ -385,7 +388,7 @@ TEST_CASE("ubs train FOLDER chooses all other settings and reports them") {
   CHECK(!fs::exists(folder / "nowhere-ubs"));
   // A user may choose a dimension without time, which gives a warning.
   CHECK_THAT(ubs_ok(folder, "train sets/data --dim 6" + few).err, Contains("N = 6 has no time dimension"));
-  // The report marks the settings that the user chose, but not those that were chosen from the data.
+  // The report marks the settings that the user chose, but not those that `ubs train` chose from the data.
   const json record = json::parse(ubs_ok(folder, "report sets/data-ubs --json").out);
   const json& run = record["runs"].at(0);
   const auto by_data = [&](const std::string& key) {
@@ -400,7 +403,7 @@ TEST_CASE("ubs train FOLDER chooses all other settings and reports them") {
   }
 }
 
-// Returns the output of a training up to a line that starts with `last`, and does not wait for the rest.
+// Starts a training, ends it when it has printed a line that starts with `last`, and returns its output.
 std::string said_at_begin(const TempFolder& folder, const std::string& arguments,
                           const std::string& last = "begins") {
   put(folder / "stop.sh",
@@ -434,13 +437,13 @@ TEST_CASE("a plan without --iterations and --budget estimates the default traini
   const json plan = json::parse(ubs_ok(folder, few + "--json").out);
   CHECK(plan["iterations"] == 16000);
   CHECK(plan["settings"]["iterations"] == 16000);
-  CHECK(plan["settings"]["lr_rgb"] == 0.00241);  // for this number of iterations
+  CHECK(plan["settings"]["lr_rgb"] == 0.00241);  // the rate for 16 000 iterations
   CHECK(plan["settings"]["cap_max"] == 100);
   CHECK(plan["budget_seconds"] == 900);
   // A given number of iterations is used.
   const json published = json::parse(ubs_ok(folder, few + "--iterations 30000 --json").out);
   CHECK(published["iterations"] == 30000);
-  CHECK(published["settings"]["lr_rgb"] == "auto");  // the published rate of the form
+  CHECK(published["settings"]["lr_rgb"] == "auto");  // the published rate of the variant
   CHECK(published["budget_seconds"].is_null());
   CHECK_THAT(ubs_ok(folder, few + "--set iterations=30000").out, !Contains("schedule "));
 }
@@ -637,7 +640,7 @@ TEST_CASE("the data of a run are read with the COLMAP model of the run") {
   const auto views = [&](const std::string& arguments) {
     return json::parse(ubs_ok(folder, "eval run " + arguments + " --fps-views 0 --json").out)["views"].size();
   };
-  CHECK(views("") == 2);  // every second one of four
+  CHECK(views("") == 2);  // every second one of the four views
   CHECK(views("photos") == 2);
   CHECK(views("photos --colmap-model 1") == 3);
 }
@@ -649,7 +652,7 @@ TEST_CASE("cameras of photographs come from COLMAP") {
     save_png(folder / fmt::format("photos/p{}.png", i),
              Image8{16, 12, std::vector<std::uint8_t>(3 * 16 * 12, 90), {}});
   check_error(folder, "train photos --out run", 3,
-              "3 images but no cameras: find them with COLMAP: ubs cameras photos");
+              "3 images but no cameras: find the cameras with COLMAP: ubs cameras photos");
   check_error(folder, "cameras photos --colmap ./colmap", 3, "apt-get install colmap");
   check_error(folder, "cameras nowhere", 3, "no such folder");
   put(folder / "colmap", kColmap);
@@ -665,7 +668,8 @@ TEST_CASE("cameras of photographs come from COLMAP") {
   check_error(folder, "cameras photos --quiet --colmap ./colmap", 3,
               "exhaustive_matcher ended with code 3: the matcher broke");
   fs::remove(folder / "fail");
-  // Another lens makes the work so far useless. A dry run only prints this, and deletes nothing.
+  // With another lens, the existing files of COLMAP are useless and must be deleted. A dry run only prints
+  // the command that deletes them.
   const std::string work = get(folder / "photos/colmap/pictures.txt");
   CHECK_THAT(ubs_ok(folder, "cameras photos --colmap ./colmap --lens OPENCV --dry-run").out,
              Contains("rm -f ") && Contains("camera_model OPENCV"));
@@ -709,7 +713,7 @@ TEST_CASE("a report shows the worst view and lists problems") {
   put_scene(folder / "data", 24, 6, 6);
   ubs_ok(folder, "train data --out run --dim 3 --iterations 20 --init-points 60 --cap-max 60 --quiet");
   json metrics = json::parse(get(folder / "run/metrics.json"));
-  json& second = metrics["test"]["views"][1];  // not one of two evenly spaced views
+  json& second = metrics["test"]["views"][1];  // would not be shown if two evenly spaced views were chosen
   second["psnr"] = 1;
   put(folder / "run/metrics.json", metrics.dump());
   const std::string worst = second["name"].get<std::string>();
@@ -720,7 +724,7 @@ TEST_CASE("a report shows the worst view and lists problems") {
   metrics["budget_seconds"] = 30;
   put(folder / "run/metrics.json", metrics.dump());
   CHECK_THAT(ubs_ok(folder, "report run --views 2 --overwrite").err, !Contains("--cap-max"));
-  // A splat far away, like one that no two cameras see.
+  // Moves a splat far away. In a real training, this can happen to a splat that only one camera sees.
   SplatModel model = load_splat_model(folder / "run/model.ply").model.single("test");
   model.row(0)[7] = 1e4f;
   write_splat_ply(folder / "far.ply", model);
@@ -729,7 +733,7 @@ TEST_CASE("a report shows the worst view and lists problems") {
              Contains("1 of 60 splats are more than 10 extents"));
 }
 
-TEST_CASE("doctor: one page that ends with a verdict") {
+TEST_CASE("devices --doctor prints a page that ends with a verdict") {
   const TempFolder folder;
   const Result page = ubs_ok(folder, "devices --doctor --device cpu");
   for (const char* part :

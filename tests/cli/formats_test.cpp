@@ -41,7 +41,7 @@ ImportedSplats red_ball() {
   return s;
 }
 
-// A splat of the published form that is visible from all directions at all times.
+// Returns a model of the published variant with one splat, which is visible from all directions at all times.
 SplatModel faint_ball(int dim) {
   SplatModel model(dim, 1);
   const ParameterLayout l = model.layout();
@@ -90,7 +90,7 @@ TEST_CASE("cli: convert supports every format and reports the loss", "[cli]") {
   ubs_ok(folder, "convert u7.ply x.spz --time 0.5");
   CHECK(read_foreign_splats(folder / "x.spz").count() == 1);
   const std::string background = "convert u7.ply b.spz --overwrite --time 0.5 --background ";
-  CHECK_THAT(ubs_ok(folder, background + "1,0.5,0").out, Contains("trained on background 1,0.5,0, "));
+  CHECK_THAT(ubs_ok(folder, background + "1,0.5,0").out, Contains("trained with the background 1,0.5,0, "));
   CHECK(ubs_ok(folder, background + "0,0,0").out.find("background") == std::string::npos);
   // A .ply file of Gaussians has the layout that other programs read. A ubs model also stores the up
   // direction.
@@ -119,7 +119,8 @@ TEST_CASE("cli: convert supports every format and reports the loss", "[cli]") {
   CHECK(!std::filesystem::exists(folder / "x7-000.usda"));
   CHECK_THAT(ubs_ok(folder, "convert u7.ply y7.usda --series 3").out,
              Contains("1 splats at 3 time samples in y7.usda"));
-  CHECK_THAT(ubs_ok(folder, "convert x7.usda x7.spz --time 1").out, Contains("time codes 0 to 2: 2 is read"));
+  CHECK_THAT(ubs_ok(folder, "convert x7.usda x7.spz --time 1").out,
+             Contains("time codes 0 to 2: the sample at 2 is read"));
   CHECK_THAT(ubs_ok(folder, "convert x7.usda o7.ply --to ubs").out,
              Contains("0 is read; 'ubs convert --time'"));
   CHECK(json::parse(ubs_ok(folder, "info x7.usda --json").out)["format"] == "USD text");
@@ -164,7 +165,7 @@ TEST_CASE("cli: models are converted to another kind of conditioning", "[cli]") 
   ubs_ok(folder, "web d.ply --exact --out page.html");
 }
 
-// Without these values, the error would be "has 0 further query values; N = 8 needs 1".
+// Without query values, the command would fail with "has 0 further query values; N = 8 needs 1".
 TEST_CASE("cli: stored cameras of a model with more than seven dimensions get typical query values",
           "[cli]") {
   const TempFolder folder;
@@ -208,7 +209,7 @@ TEST_CASE("cli: convert distils time samples of a dynamic model from its own ren
   CHECK(loss["cameras"] == 4);
   CHECK(loss["psnr"].get<double>() > loss["psnr_without_fit"].get<double>());
   CHECK_FALSE(json::parse(still.out).contains("psnr_before"));
-  // Without a request, a series is not fitted, because a fit would take its time for each time sample.
+  // Without --distill, the Gaussians of a series are not fitted, because each time sample would need a fit.
   CHECK_FALSE(json::parse(ubs_ok(folder, "convert run t.glb --series 2 --json").out).contains("distilled"));
   CHECK(run_ubs(folder, "convert run s.ply --to ubs --distill 4s").code == 2);
   CHECK_THAT(run_ubs(folder, "convert run s3.ply --distill 1ms").err, Contains("budget"));
@@ -238,8 +239,9 @@ TEST_CASE("cli: an export is fitted to the model, and measures its loss of quali
              Contains("the Gaussians were not fitted to the model: ") &&
                  Contains("the loss of quality was not measured: ") && !Contains("against the model itself"));
   check_error(folder, "convert run e.spz --distill 2s --device nonesuch", 4, "nonesuch");
-  // After the minimum of 100 iterations, a fit resembles the model in front of any background, with the
-  // cameras of the data or, if there are none, with those that the model lists.
+  // A fit uses the cameras of the data or, if there are no data, the cameras that the model stores. In both
+  // cases, after the minimum of 100 iterations, the Gaussians resemble the model more than before the fit, on
+  // its own background and on black.
   const auto fitted = [&](const char* from) {
     const Result result =
         ubs_ok(folder, fmt::format("convert {} f.spz --distill 0.001s --json --overwrite", from));
@@ -248,7 +250,7 @@ TEST_CASE("cli: an export is fitted to the model, and measures its loss of quali
     CHECK(there["distilled"].size() == 1);
     CHECK(there["loss"]["psnr_without_fit"].get<double>() == Approx(psnr).margin(0.004));
     CHECK(there["loss"]["psnr"].get<double>() >
-          psnr + 1.4);  // observed: 3.3 and 2.8 dB, on black 3.4 and 2.9 dB
+          psnr + 1.4);  // observed increases: 3.3 and 2.8 dB; on black: 3.4 and 2.9 dB
     CHECK(there["loss"]["psnr_on_black"].get<double>() > on_black + 1.4);
     return result.err;
   };
@@ -258,7 +260,8 @@ TEST_CASE("cli: an export is fitted to the model, and measures its loss of quali
   // A .splat file has no harmonics.
   CHECK_FALSE(ubs_ok(folder, "convert run f.splat --distill 0.001s").out.find("harmonics") !=
               std::string::npos);
-  // Gaussians lose nothing in a file that does not round them, and little in one that does.
+  // A model of Gaussians loses no quality in a format that does not round values, and little in SPZ, which
+  // rounds them.
   ubs_ok(folder, train + "--dim 3 --kernel gaussian --colour sh3 --out gaussians");
   const json exact = json::parse(ubs_ok(folder, "convert gaussians g.ply --json").out);
   CHECK_FALSE(exact.contains("loss"));
@@ -402,7 +405,7 @@ TEST_CASE("cli: unused parts of files and files without splats are reported", "[
     CHECK_THAT(ubs_ok(folder, arguments).out, Contains("not used: filter_3D") && Contains("Mip-Splatting"));
   CHECK_THAT(json::parse(ubs_ok(folder, "info m.ply --json").out)["remarks"].dump(), Contains("filter_3D"));
   CHECK_THAT(ubs_ok(folder, "render m.ply --out r --path-frames 2 --size 20x10").err, Contains("filter_3D"));
-  // This also applies to a ubs model.
+  // Unknown properties of a ubs model are reported too.
   put(folder / "v.ply", replaced(get(folder / "u.ply"), "end_header", "property float surplus\nend_header") +
                             std::string(4, 'x'));
   for (const char* arguments : {"info v.ply", "convert v.ply w.ply", "convert v.ply w.ubs.ply --to ubs"})

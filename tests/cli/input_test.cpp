@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Tests how the executable handles malicious and unusual input: names that would leave the output folder,
-// files outside of the data, paths that are not valid text, and names that are too long. Resuming a run with
-// such a path is tested in resume_test.cpp.
+// files outside of the data, paths that are not valid text, and names that are too long. resume_test.cpp
+// tests that a run can be resumed if its path is not valid text.
 #include <catch2/catch.hpp>
 #include <filesystem>
 #include <nlohmann/json.hpp>
@@ -103,7 +103,7 @@ TEST_CASE(
   std::mt19937 random(5);
   const int mutants = whole_sweep() ? 40 : 8;
   int refused = 0;
-  for (int i = 0; i < mutants; ++i) {  // in the header, where every bit matters
+  for (int i = 0; i < mutants; ++i) {  // each mutant has one wrong bit in the header
     std::string mutant = bytes;
     mutant[random() % (8 + header)] ^= static_cast<char>(1u << random() % 8);
     put(file, mutant);
@@ -174,8 +174,8 @@ TEST_CASE("cli: info describes a packed data set and a nerfstudio file") {
   check_error(folder, "info set.ubsd", 3, "set.ubsd: the header is truncated");
 }
 
-// Names of folders are bytes. This one is Latin-1 and contains a line break and an escape sequence of
-// encode_text().
+// Names of folders are arbitrary bytes. The name in this test is encoded in Latin-1, and contains a line
+// break and an escape sequence of encode_text().
 TEST_CASE("cli: a data path that is not valid text is preserved in every file") {
   const TempFolder folder;
   const std::string name = "caf\xe9 \\x41\n'q'";

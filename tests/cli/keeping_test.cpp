@@ -29,8 +29,8 @@ using test::run_ubs;
 using test::TempFolder;
 using test::ubs_ok;
 
-// Uses bash -m, because otherwise background jobs ignore SIGINT. Discards its message about a missing
-// terminal.
+// Runs a shell script in the folder. Uses bash -m, because otherwise background jobs ignore SIGINT. Discards
+// the message of bash about a missing terminal.
 Result shell(const TempFolder& folder, const std::string& script) {
   const std::string path = folder.path().string();
   put(folder / "run.sh", fmt::format("cd '{0}'\nexec >'{0}/stdout.txt' 2>'{0}/stderr.txt'\nubs='{1}'\n{2}\n",
@@ -51,7 +51,8 @@ TEST_CASE("cli: views of wide images have no opacity penalty unless the user set
   const std::string train = "train --data data --quiet --dim 3 --init-points 50 --cap-max 100 --out ";
   ubs_ok(folder, train + "a --iterations 2");
   CHECK(penalty("a") == 0);
-  // The test image counts once, in its own lens, with its fitted exposure and pose.
+  // The test image is divided into six pinhole views. The mean contains it only once, measured with its own
+  // lens, and with its fitted exposure and pose.
   ubs_ok(folder, train + "d --iterations 2 --refine-cameras pose --appearance gain --test-every 3");
   const json test = json::parse(get(folder / "d/metrics.json"))["test"];
   CHECK(test["views"].size() == 6);
@@ -127,7 +128,7 @@ TEST_CASE("cli: plan estimates the time and memory of a run, and the run records
   check_error(folder, "plan --data data --cap-max 100000000", 6, "MiB");
 }
 
-TEST_CASE("cli: a budget becomes settings that repeat the run") {
+TEST_CASE("cli: a run with a time budget records settings that reproduce it") {
   const TempFolder folder;
   // The minimum of 100 iterations takes an eighth of a second on two cores of an AMD EPYC, so it fits into
   // the budget even on a slow machine.
@@ -148,7 +149,8 @@ TEST_CASE("cli: a budget becomes settings that repeat the run") {
   CHECK(preparation > 0);
   CHECK(preparation <= metrics["preparation_seconds"].get<double>());
   CHECK(preparation < metrics["seconds"].get<double>());
-  // A run with the recorded settings gives the same result. Its time is that of training alone.
+  // A run with the recorded settings gives the same result. It has no budget, so its recorded time does not
+  // include the preparation.
   ubs_ok(folder, "train --data data --out again --spec run/config.yaml --quiet");
   CHECK_FALSE(json::parse(get(folder / "again/metrics.json"))["minutes"]["stages"].contains("preparation"));
   const bool same = get(folder / "run/model.ply") == get(folder / "again/model.ply");
@@ -192,7 +194,7 @@ TEST_CASE("cli: a budget becomes settings that repeat the run") {
   check_error(folder, "train --data data --out x --pyramid 2:0.5,4:0.7", 2, "falling factors");
 }
 
-TEST_CASE("cli: evaluations by iterations, by seconds of training, and at the end") {
+TEST_CASE("cli: --eval-every accepts iterations and seconds, and the last iteration is always evaluated") {
   const TempFolder folder;
   put_scene(folder / "data", 16, 2, 1);
   const auto evaluations = [&](const std::string& interval) {
@@ -203,12 +205,13 @@ TEST_CASE("cli: evaluations by iterations, by seconds of training, and at the en
     std::istringstream log(get(folder / "run/log.csv"));
     std::string line;
     int count = 0;
-    while (std::getline(log, line)) count += line.find(",,,") == std::string::npos;  // no test, no sample
+    // A row with ",,," has neither metrics of the test views nor of a sample of them.
+    while (std::getline(log, line)) count += line.find(",,,") == std::string::npos;
     return count - 1;  // without the header line
   };
   CHECK(evaluations("0") == 1);
   CHECK(evaluations("5") == 3);
-  CHECK(evaluations("1e-9s") == 12);  // each iteration takes longer
+  CHECK(evaluations("1e-9s") == 12);  // each iteration takes longer than this interval
   CHECK(evaluations("1000s") == 1);
 }
 

@@ -28,7 +28,7 @@ std::string train(const std::string& out, const std::string& more = "", int iter
   return fmt::format("train --data data --out {} {} --iterations {} {}", out, kShort, iterations, more);
 }
 
-// Returns all files in the folder, except the two with the output.
+// Returns the contents of all files in the folder by name, except stdout.txt and stderr.txt.
 std::map<std::string, std::string> contents(const fs::path& folder) {
   std::map<std::string, std::string> files;
   for (const auto& entry : fs::recursive_directory_iterator(folder))
@@ -86,7 +86,7 @@ TEST_CASE("outputs: a run replaces files with its names only with --overwrite") 
   CHECK(get(other / "run/renders/mine.png") == "precious");
   CHECK(get(other / "run/renders/r_001.png") != "precious");
   CHECK(get(other / "run/metrics.json") != "precious");
-  CHECK_FALSE(fs::exists(other / "run/cameras"));  // the empty folder of an earlier run
+  CHECK_FALSE(fs::exists(other / "run/cameras"));  // the empty folder was removed
   fs::remove(other / "run/log.csv");
   fs::create_symlink("renders/mine.png", other / "run/log.csv");
   const auto before = contents(other.path());
@@ -125,7 +125,7 @@ TEST_CASE("outputs: renders of an earlier run are removed if its metrics list th
   CHECK(get(folder / "run/renders/inner/mine.png") == "precious");
   CHECK(fs::exists(folder / "run/renders/r_000.png"));
   const std::string deep = "{\"renders\": [\"r_000.png\"], \"deep\": " + std::string(200, '[') +
-                           std::string(200, ']') + "}";  // more than parse_json() reads
+                           std::string(200, ']') + "}";  // nested more deeply than parse_json() accepts
   for (const std::string& damaged :
        {std::string(), std::string("[1]"), std::string("{\"renders\": 5}"), std::string("not json"), deep}) {
     put(folder / "run/metrics.json", damaged);
@@ -182,8 +182,8 @@ TEST_CASE("outputs: --overwrite replaces a run that was edited or copied") {
   CHECK(get(folder / "copy/model.ply") == get(folder / "run/model.ply"));
 }
 
-// Runs a training, and runs `script` in its folder as soon as a checkpoint exists. $pid is the process of the
-// training.
+// Starts a training in the folder `run`, and runs `script` next to that folder as soon as a checkpoint
+// exists. In the script, $pid is the process of the training.
 Result beside_training(const TempFolder& folder, int iterations, const std::string& script) {
   put(folder / "script.sh",
       fmt::format(
@@ -214,7 +214,7 @@ TEST_CASE("outputs: a copy of an interrupted run can be resumed") {
 // A command that writes one file. In its arguments, OUT stands for this file.
 struct Writer {
   const char* arguments;
-  const char* input;  // must not be OUT
+  const char* input;  // a file that the command reads and therefore must not write, or null
 };
 
 const Writer kWriters[] = {

@@ -43,8 +43,8 @@ const TempFolder& trained() {
   return folder;
 }
 
-// Returns the hashes of all elements with this name and without attributes, as a browser computes them.
-// coreutils computes them as hexadecimal digits.
+// Returns the SHA-256 hashes of the contents of all elements with this name and without attributes, as
+// hexadecimal digits. A browser computes the same hashes.
 std::vector<std::string> sha256(const std::string& page, const std::string& element) {
   const std::string open = "<" + element + ">";
   std::vector<std::string> hashes;
@@ -106,7 +106,7 @@ void check_policy(const std::string& page, const HtmlCheck& check) {
 struct Page {
   HtmlCheck html;
   json record;
-  std::map<std::string, std::vector<cv::Mat>> pictures;  // by content
+  std::map<std::string, std::vector<cv::Mat>> pictures;  // images by their kind, for example "render"
 };
 
 // Returns the content of the page. Checks that the page is well-formed and uses no network, and that all its
@@ -154,7 +154,7 @@ std::map<std::string, std::size_t> counts(const Page& page) {
   return count;
 }
 
-// Returns the sum of the mean colours of the first image of this kind, at most 765.
+// Returns the sum of the mean red, green and blue values of the first image of this kind. It is at most 765.
 double brightness(const Page& page, const std::string& kind) {
   const cv::Scalar mean = cv::mean(page.pictures.at(kind).at(0));
   return mean[0] + mean[1] + mean[2];
@@ -166,7 +166,7 @@ bool has_histogram(const Page& page, const std::string& name) {
   return false;
 }
 
-TEST_CASE("report: page of one run", "[cli]") {
+TEST_CASE("report: the page of one run contains its data", "[cli]") {
   const TempFolder& folder = trained();
   ubs_ok(folder, "report still --device cpu");
   const Page page = read_page(folder / "still/report.html");
@@ -222,7 +222,7 @@ TEST_CASE("report: page of one run", "[cli]") {
   ubs_ok(folder, "report still --device cpu --views 1 --no-viewer --out plain.html --overwrite");
   CHECK_FALSE(read_page(folder / "plain.html").html.ids().contains("ubs-viewer"));
 
-  json damaged = metrics;  // a name that is not valid text belongs to no view
+  json damaged = metrics;  // the report must accept a name that is not a text, and find no view for it
   damaged["test"]["views"][0]["name"] = 5;
   put(folder / "still/metrics.json", damaged.dump());
   ubs_ok(folder, "report still --device cpu --views 1 --no-viewer --out plain.html --overwrite");
@@ -246,7 +246,7 @@ TEST_CASE("report: dynamic scenes and names that look like markup", "[cli]") {
   CHECK_FALSE(contains(text, "<b>&data"));
 }
 
-TEST_CASE("report: runs side by side", "[cli]") {
+TEST_CASE("report: a page can compare several runs", "[cli]") {
   const TempFolder& folder = trained();
   ubs_ok(folder,
          "train --data data --out other --dim 3 --device cpu --iterations 40 --init-points 150 "
@@ -257,7 +257,7 @@ TEST_CASE("report: runs side by side", "[cli]") {
   ubs_ok(folder, "report still other --device cpu --views 2 --out both.html");
   const Page page = read_page(folder / "both.html");
   auto count = counts(page);
-  CHECK(count["truth"] == 2);  // one list for both
+  CHECK(count["truth"] == 2);  // both runs are compared with the same two photographs
   CHECK(count["render"] == 4);
   CHECK(count["error"] == 4);
   CHECK(count["lower half"] == 3);  // two for the first run, one for the second
@@ -270,7 +270,7 @@ TEST_CASE("report: runs side by side", "[cli]") {
   CHECK(counts(read_page(folder / "scenes.html"))["truth"] == 2);
 }
 
-TEST_CASE("report: runs with missing parts", "[cli]") {
+TEST_CASE("report: a run with missing files still gives a page", "[cli]") {
   const TempFolder& folder = trained();
   const auto copy = [&](const char* to) {
     fs::create_directories((folder / to).parent_path());
@@ -309,7 +309,7 @@ TEST_CASE("report: runs with missing parts", "[cli]") {
   CHECK(page.record["runs"][0]["log"]["loss"].size() > 0);
   CHECK_THAT(page.record["runs"][0]["remarks"].dump(), Contains("model.ply is missing"));
 
-  copy("mixed");  // reduced to several dimensions
+  copy("mixed");  // gets a model whose splats have different dimensions, as `ubs reduce` writes
   SplatModel flat(3, 40);
   for (std::size_t i = 0; i < flat.values.size(); ++i) flat.values[i] = std::sin(static_cast<float>(i));
   const SplatModel whole = read_splat_ply(folder / "still/model.ply");
@@ -349,7 +349,7 @@ TEST_CASE("report: data that replaced those of the run are not used as its groun
   }
 }
 
-// The signal is sent when there is a checkpoint.
+// Starts a training, and sends it the signal as soon as it has written a checkpoint.
 void ended_run(const TempFolder& folder, const std::string& out, int signal) {
   test::ended_by(folder,
                  "train --data data --out " + out +
@@ -358,7 +358,7 @@ void ended_run(const TempFolder& folder, const std::string& out, int signal) {
                  signal, out + "/checkpoint.ubs");
 }
 
-TEST_CASE("report: killed and interrupted runs together with a finished one", "[cli]") {
+TEST_CASE("report: a page can contain killed and interrupted runs", "[cli]") {
   const TempFolder& folder = trained();
   ended_run(folder, "killed", SIGKILL);
   REQUIRE(fs::exists(folder / "killed/checkpoint.ubs"));
@@ -406,13 +406,13 @@ TEST_CASE("report: if a checkpoint is newer than the model, its learnt backgroun
   later.state.iteration = 100;
   later.state.model = read_splat_ply(run / "model.ply");
   later.state.sky.assign(81, 1.0f);
-  later.data_print =
-      fingerprint(*load_dataset(folder / "data", {.background = {1, 1, 1}}).find("train"));  // as learnt
+  // The images are composited over the learnt background, which is white.
+  later.data_print = fingerprint(*load_dataset(folder / "data", {.background = {1, 1, 1}}).find("train"));
   write_checkpoint(run / "checkpoint.ubs", later);
   std::string config = get(run / "config.yaml");
   const std::string none = "refine_cameras: none";
   put(run / "config.yaml", config.replace(config.find(none), none.size(), "refine_cameras: pose+intrinsics"));
-  json cameras;  // for which the object is as small as a point
+  json cameras;  // with such a short focal length that the object is as small as a point
   for (const json& view : metrics["test"]["views"])
     cameras["frames"].push_back(
         {{"file_path", "test/" + view["name"].get<std::string>() + ".png"},
@@ -424,7 +424,7 @@ TEST_CASE("report: if a checkpoint is newer than the model, its learnt backgroun
   put(run / "cameras/transforms.json", cameras.dump());
   ubs_ok(folder, "report continued --device cpu --views 1 --no-viewer --overwrite");
   CHECK(contains(get(folder / "stderr.txt"), "model.ply is older: showing the model of the checkpoint"));
-  CHECK(brightness(read_page(run / "report.html"), "render") > 750);  // 765: white
+  CHECK(brightness(read_page(run / "report.html"), "render") > 750);  // 765 is white
 }
 
 TEST_CASE("report: invalid arguments are rejected", "[cli]") {

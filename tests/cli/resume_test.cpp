@@ -40,8 +40,8 @@ constexpr const char* kRun =
 
 void synthesise(const TempFolder& folder) { put_scene(folder / "data", 32, 8, 2); }
 
-// Runs `ubs train` with these arguments into the folder `out`, and applies the fault to the calls on `file`
-// in it.
+// Runs `ubs train` with these arguments and the output folder `out`. Applies the fault to system calls on the
+// file `file` in this folder.
 TracedRun faulty_run(const TempFolder& folder, const std::string& out, const std::string& arguments,
                      const std::string& file, const Fault& fault) {
   constexpr int kLimitSeconds = 600;  // only a run that hangs takes so long
@@ -53,7 +53,7 @@ TracedRun faulty_run(const TempFolder& folder, const std::string& out, const std
   return run;
 }
 
-// Kills the run when it has put its second checkpoint into place.
+// Kills the run after it has renamed the file of its second checkpoint to checkpoint.ubs.
 void kill_run(const TempFolder& folder, const std::string& out, const std::string& arguments) {
   const Fault fault{.kinds = test::rename_calls, .nth = 2, .action = Fault::kill_after};
   REQUIRE(faulty_run(folder, out, arguments, "checkpoint.ubs", fault).signal == SIGKILL);
@@ -90,7 +90,7 @@ TEST_CASE("cli: a run that was killed or interrupted gives the same bytes when i
     const json metrics = json::parse(get(folder / out / "metrics.json"));
     CHECK(metrics["resumed_from"].get<int>() > 0);
     CHECK(metrics["interrupted"] == false);
-    CHECK_THAT(metrics["data_report"].dump(), !Contains("random positions"));  // no initial splats
+    CHECK_THAT(metrics["data_report"].dump(), !Contains("random positions"));  // creates no splats
   }
   check_error(folder, "train --resume whole", 2, "this run is finished");
 }
@@ -119,7 +119,9 @@ TEST_CASE("cli: the first Ctrl-C completes a run with a time budget, and the sec
   bool same = get(folder / "early/model.ply") == get(folder / "again/model.ply");
   CHECK(same);
 
-  // The run goes on where it was completed early, and after its regular end with the last part once more.
+  // A run that was completed early is resumed at the iteration at which Ctrl-C was pressed. A run that
+  // reached its regular end is resumed at its last iteration, and the last part of the schedule is run once
+  // more.
   CHECK_THAT(run.out, Contains("longer   ubs train --resume early --budget +5m"));
   check_error(folder, "train --resume early", 2, "early: this run is finished: pass the time");
   const int completed = early["ended_early"]["iteration"].get<int>();
@@ -138,7 +140,8 @@ TEST_CASE("cli: the first Ctrl-C completes a run with a time budget, and the sec
   same = get(folder / "early/model.ply") == get(folder / "longer/model.ply");
   CHECK(same);
 
-  // The signal comes with every row of the log. Until half a second after the first one, it is the same one.
+  // The signal is sent at every row of the log. Signals within half a second after the first one count as the
+  // same Ctrl-C, and a later signal counts as the second Ctrl-C.
   fault.lasting = true;
   run = faulty_run(folder, "ended", train, "log.csv", fault);
   INFO(run.err);
@@ -190,8 +193,8 @@ TEST_CASE("cli: a checkpoint is not resumed in the folder of another run") {
   CHECK(run_ubs(folder, "train --resume new --quiet").code == 0);
 }
 
-// Names of folders are bytes. This one is Latin-1 and contains a line break and an escape sequence of
-// encode_text().
+// Names of folders are arbitrary bytes. The name in this test is encoded in Latin-1, and contains a line
+// break and an escape sequence of encode_text().
 TEST_CASE("cli: a run on a data path that is not valid text is resumed") {
   const TempFolder folder;
   const std::string name = "caf\xe9 \\x41\n'q'", run = name + " run";
@@ -231,7 +234,7 @@ TEST_CASE("cli: a run that cannot be resumed is reported in one line") {
 }
 
 #ifdef UBS_SCARCE_MEMORY
-// An image that is read during the training cannot be allocated.
+// In this test, the memory for an image that is read during the training cannot be allocated.
 TEST_CASE("cli: a training that runs out of memory keeps its state, and gives the same bytes if resumed") {
   const TempFolder folder;
   constexpr int kSide = 201;  // ten images of 121 203 bytes do not fit into the cache
@@ -255,8 +258,8 @@ TEST_CASE("cli: a training that runs out of memory keeps its state, and gives th
 }
 #endif
 
-// Writes finite parameters whose gradient is not finite. They describe a large splat half way to the first
-// camera, with colours of 1e38, which SSIM squares.
+// Changes splat 7 of a checkpoint to finite parameters whose gradient is not finite. They describe a large
+// splat half way to the first camera, with colours of 1e38. SSIM squares these colours, which overflows.
 void make_glaring(const fs::path& checkpoint, const fs::path& data) {
   Checkpoint c = read_checkpoint(checkpoint);
   const std::array<double, 3> centre = load_blender_split(data, "train").views[0].camera.centre();

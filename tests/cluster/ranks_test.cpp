@@ -127,12 +127,15 @@ TEST_CASE("plan of ranks: views, splats and bytes are divided, and transfers dur
   CHECK(of(1, 4, {}).sent_bytes == 0);
   const RankPrediction two = of(2, 4, {1, 0});
   CHECK(two.compute_ms == Approx(4 * (0.5 + 0.5 + 0.25 + 1) + 2 * (1 + 5) + 0.125 + 1.5));
-  // Half of the records of 4 views of its splats, and half of the gradients of its 2 views, are not sent.
+  // Each rank has 5e5 splats, of which half are visible, and renders 2 views. A record and its gradient have
+  // 64 bytes each. The rank sends the records of its splats for the 2 views of the other rank, and the
+  // gradients of its own 2 views for the splats of the other rank.
   CHECK(two.sent_bytes == Approx(0.5 * 64 * 5e5 * (2 + 2)));
-  CHECK(two.network_ms == Approx(64 - 6));  // 64 ms at 1 GB/s, while one view is rendered
+  // The transfer takes 64 ms at 1 GB/s, of which 6 ms are hidden by the rendering of one view.
+  CHECK(two.network_ms == Approx(64 - 6));
   CHECK(of(2, 4, {100, 0}).network_ms == Approx(0.64 / 2));
-  CHECK(of(8, 4, {}).compute_ms >
-        of(8, 8, {}).compute_ms / 2 + 0.1);  // no further view is rendered at the same time
+  // With 4 views, 4 of the 8 ranks render nothing, so the time is more than half of the time of 8 views.
+  CHECK(of(8, 4, {}).compute_ms > of(8, 8, {}).compute_ms / 2 + 0.1);
   CHECK(of(64, 64, {10, 100}).network_ms > of(64, 64, {10, 1}).network_ms + 10);
   CHECK(of(64, 64, {}).device_bytes < of(1, 64, {}).device_bytes);
 }
@@ -220,7 +223,7 @@ TEST_CASE(
   // were relocated.
   ubs_ok(folder, base + more + " --set refine=500:25000:30000 --out unrefined");
   CHECK_FALSE((get(folder / "one/model.ply") == get(folder / "unrefined/model.ply")));
-  ranks_ok(folder, 3, base + more + " --out three");  // for 2 views and 2 blocks
+  ranks_ok(folder, 3, base + more + " --out three");  // there are only 2 views and 2 blocks of splats
   check_same(folder, "one", "three");
   for (const char* view : {"r_000", "r_001"})
     CHECK((get(folder / fmt::format("one/renders/{}.png", view)) ==
@@ -231,10 +234,11 @@ TEST_CASE(
   check_same(folder, "random", "random_of_two");
 }
 
-TEST_CASE("ranks: wide images are measured in their own lens") {
+TEST_CASE("ranks: the quality of wide images is measured in their own lens model") {
   const TempFolder folder;
   test::put_panoramas(folder / "data", 4);
-  // Measures before the last iteration too, so that training goes on after other cameras were rendered.
+  // Also measures the quality after 20 iterations, so that training continues after other cameras were
+  // rendered.
   const std::string train =
       "train data --dim 6 --batch 4 --init-points 300 --cap-max 300 --iterations 40 --test-every 2 "
       "--eval-every 20 --appearance gain --save-renders 0 --quiet --out ";
@@ -272,7 +276,8 @@ TEST_CASE("messages between ranks", "[.rank]") {
   ranks->merge(floats);
   for (std::size_t r = 0; r < size; ++r) CHECK(floats[r] == -1.0f / static_cast<float>(r + 3));
   CHECK(ranks->all_texts(std::string(rank, 'x')).back() == std::string(size - 1, 'x'));
-  // Two transfers are in progress, with a sum in between, and the later one is waited for first.
+  // Starts two transfers, computes a sum while they are in progress, and then waits for the second transfer
+  // before the first.
   const std::vector<std::vector<std::uint32_t>> small(size, {static_cast<std::uint32_t>(rank)});
   Pieces large_bytes, small_bytes;
   for (std::size_t to = 0; to < size; ++to) {
@@ -288,7 +293,7 @@ TEST_CASE("messages between ranks", "[.rank]") {
     CHECK(as_values<std::uint32_t>(small_come[from])[0] == from);
     CHECK((large_come[from] == come[from]));
   }
-  // The ranks do not belong to the same job.
+  // join_run() rejects ranks with another build or other data.
   const auto refusal = [&](const auto& change) {
     Checkpoint run;
     if (rank == 1) change(run);
@@ -350,7 +355,7 @@ TEST_CASE("ranks: if no splats are visible, nothing is sent") {
   CHECK(metrics(folder, "many")["bytes_sent_by_first_rank"] == 0);
 }
 
-TEST_CASE("ranks: one rank has no visible splats") {
+TEST_CASE("ranks: training gives the same bits if one rank has no visible splats") {
   const TempFolder folder;
   synthesise(folder);
   std::string points =
@@ -365,8 +370,9 @@ TEST_CASE("ranks: one rank has no visible splats") {
   ubs_ok(folder, training(6, 4, "one", 20) + more);
   ranks_ok(folder, 2, training(6, 4, "two", 20) + more);
   check_same(folder, "one", "two");
-  // Records of the views that the other rank renders are sent, gradients are not: 64 bytes per splat, 2
-  // views, 20 steps.
+  // In each of the 20 steps, the first rank sends the records of its 150 splats, of 64 bytes each, for the 2
+  // views that the other rank renders. It sends no gradients, because the splats of the other rank are not
+  // visible.
   const double sent = metrics(folder, "two")["bytes_sent_by_first_rank"];
   CHECK(sent > 0);
   CHECK(sent < 1.1 * 64 * 150 * 2 * 20);  // including the headers
@@ -392,7 +398,7 @@ TEST_CASE("ranks: two kinds of devices share views by speed, and results are rep
   CHECK(first["picture_differences_by_rank"][1].get<double>() < 1e-3);
   mixed(training(3, 6, "b"));
   check_same(folder, "a", "b");
-  // The share of the views of each rank is part of the run.
+  // The checkpoint stores the number of views of each rank, and the resumed run keeps these numbers.
   const std::string two = " --device basic,pthread", kinds = "POCL_DEVICES='basic pthread'";
   kill_one(folder, 2, training(3, 6, "many", 600) + " --checkpoint-every 40" + two, kinds);
   const auto before = read_checkpoint(folder / "many/checkpoint.ubs").views_by_rank;
@@ -487,7 +493,7 @@ TEST_CASE("ranks: a killed rank ends the job, which can be resumed with another 
 }
 
 // The test does not wait for the end of the run.
-TEST_CASE("ranks: without --iterations and --budget, they use the schedule of a single process") {
+TEST_CASE("ranks: without --iterations and --budget, ranks use the schedule of a single process") {
   const TempFolder folder;
   synthesise(folder);
   test::put(
@@ -517,7 +523,7 @@ TEST_CASE("ranks: errors are printed once, with the number of the rank") {
   fails("train nowhere --out o", 3, "nowhere");
   fails("train data --out o --budget 1m", 2, "--budget");
   fails("info o", 2, "'ubs info' only runs in a single process: start it without mpirun");
-  // As if a launcher passed different options to the ranks.
+  // Simulates a launcher that passes different options to the ranks.
   test::put(folder / "other.sh", fmt::format("exec '{}' {} --seed 4$OMPI_COMM_WORLD_RANK$PMI_RANK",
                                              UBS_EXECUTABLE, training(6, 4, "o")));
   const Result other = test::run_command(

@@ -1,6 +1,6 @@
-# Script for cmake -P. Tests that every card from Turing on can run the code that ubs_cuda_architectures
-# selects, by the rules of CUDA: machine code runs on later cards with the same major number, PTX on all later
-# cards.
+# Script for cmake -P. Tests that every GPU since the Turing generation can run the code for the architectures that
+# ubs_cuda_architectures() selects. In CUDA, machine code runs on GPUs with the same major number and the same or a
+# later minor number, and PTX runs on all later GPUs.
 include(${CMAKE_CURRENT_LIST_DIR}/../../cmake/CudaArchitectures.cmake)
 foreach(version 12.0 12.8 13.0)
   ubs_cuda_architectures(${version} architectures)
@@ -17,14 +17,14 @@ foreach(version 12.0 12.8 13.0)
       endif()
     endforeach()
     if(NOT runs)
-      message(SEND_ERROR "nvcc ${version}: no code for sm_${card} in ${architectures}")
+      message(SEND_ERROR "nvcc ${version}: the architectures ${architectures} contain no code that runs on sm_${card}")
     endif()
   endforeach()
 endforeach()
 
-# A second run of CMake, which finds the cache of the first, generates code for the same cards, and a choice
-# of the user is kept. Instead of calling enable_language(), the test changes the cache like this function
-# does if the user made no choice.
+# Tests that a second run of CMake, which finds the cache of the first run, selects the same architectures, and that
+# architectures chosen by the user are kept. enable_language() is replaced by a macro that sets the default value in the
+# cache, like the real function does if the user has chosen nothing.
 macro(enable_language)
   if(NOT CMAKE_CUDA_ARCHITECTURES)
     set(CMAKE_CUDA_ARCHITECTURES 75 CACHE STRING "CUDA architectures")

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Replaces NVRTC and the driver: the C++ compiler of this build compiles a run-time program to a shared
-// library. It gets exactly the texts that NVRTC would get, so the tests also fail if one of them has not been
-// embedded.
+// Replaces NVRTC and the driver. The C++ compiler of this build compiles a run-time program to a shared
+// library. The compiler gets exactly the texts that NVRTC would get, so the tests also fail if a text has not
+// been embedded in the executable.
 #include <dlfcn.h>
 #include <fmt/ranges.h>
 #include <unistd.h>
@@ -17,8 +17,8 @@
 namespace ubs::cuda {
 namespace {
 
-// Returns the source of a function `bind_<kernel>` for each kernel. It converts the arguments of a launch to
-// a call that can be made later.
+// Returns the source of a function `bind_<kernel>` for each kernel. This function copies the arguments of a
+// launch and returns a call of the kernel that can be made later.
 std::string bind_functions(const ProgramSpec& spec) {
   std::string text;
   for (const std::string& kernel : spec.kernels)
@@ -31,8 +31,9 @@ std::string bind_functions(const ProgramSpec& spec) {
 
 using BindFunction = void (*)(void**, std::function<void()>*);
 
-// Makes the functions of this code visible to programs if it is part of a library that was loaded without
-// sharing its symbols, as Python does.
+// Makes the functions of this code visible to the compiled programs. This is necessary if this code is part
+// of a shared library whose symbols are not shared with other libraries, for example because Python has
+// loaded it.
 void show_own_symbols() {
   Dl_info info{};
   if (dladdr(reinterpret_cast<void*>(&compiler_version), &info) != 0)
@@ -41,7 +42,8 @@ void show_own_symbols() {
 
 }  // namespace
 
-// The name also states the form of the programs, because it is part of the key by which they are stored.
+// The version is part of the key of stored programs. It also names the options and the calling convention, so
+// that programs that were compiled in another way are not used.
 std::string compiler_version() { return UBS_HOST_COMPILER " " __VERSION__ " -Og, bind"; }
 
 // -Og compiles in half the time of -O1, and the resulting code is about as fast for these short runs.
@@ -69,7 +71,7 @@ Module::Module(const std::string& binary) {
   test::put(folder / "p.so", binary);
   show_own_symbols();
   handle_ = dlopen((folder / "p.so").c_str(), RTLD_NOW | RTLD_LOCAL);
-  if (!handle_) fail(ErrorKind::device, "dlopen: {}", dlerror());
+  if (!handle_) fail(ErrorKind::device, "the compiled program cannot be loaded: {}", dlerror());
 }
 
 Module::~Module() { dlclose(handle_); }

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Compares logarithm, power and reciprocal of the rasterisers on CUDA with float64. The instructions have the
-// largest errors that PTX allows (tests/cuda/include/cuda_runtime.h). The errors of real cards are smaller.
+// Compares the logarithm, power and reciprocal that the rasterisers use on CUDA with float64. The
+// instructions are emulated with the largest errors that PTX allows (tests/cuda/include/cuda_runtime.h). The
+// errors of real GPUs are smaller.
 #include <cuda_runtime.h>
 
 #include <catch2/catch.hpp>
@@ -16,8 +17,8 @@ namespace {
 
 #include "cuda_backend/shared_math.cuh"
 
-// Returns the largest relative error of `f` at n + 1 points from `from` to `to`, with equal ratios between
-// neighbours.
+// Returns the largest relative error of `f` at n + 1 points from `from` to `to`. The ratio of neighbouring
+// points is constant.
 template <typename Function, typename Truth>
 double largest_error(const Function& f, const Truth& truth, double from, double to, int n = 2'000'000) {
   double most = 0;
@@ -25,12 +26,13 @@ double largest_error(const Function& f, const Truth& truth, double from, double 
     const auto x = static_cast<float>(from * std::pow(to / from, static_cast<double>(i) / n));
     const double exact = truth(static_cast<double>(x));
     const double error = std::abs(static_cast<double>(f(x)) - exact) / std::abs(exact);
-    if (!(error <= most)) most = error;  // also for NaN
+    if (!(error <= most)) most = error;  // also true if the error is NaN
   }
   return most;
 }
 
-TEST_CASE("elementary functions of the rasterisers on CUDA", "[cuda]") {
+// The comments contain the observed errors.
+TEST_CASE("the elementary functions of the CUDA rasterisers are accurate", "[cuda]") {
   const auto log2_1m = [](float r) { return ubs_log2_1m(r); };
   const auto exact_log = [](double r) { return std::log1p(-r) / std::log(2.0); };
   CHECK(largest_error(log2_1m, exact_log, 1e-30, 0.2499) < 3e-7);       // 1.5e-7

@@ -1,10 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
 // Runs the threads of a CUDA block as fibres, one at a time. They switch at barriers and warp operations.
-// UBS_CUDA_ON_HOST_ORDER selects which fibre continues: forward (default), reverse, greedy (the same warp as
-// long as possible, so that it runs as far ahead of the others as the barriers allow), or a number, which is
-// the seed of a random order of threads and blocks. A kernel without a necessary barrier gives different
-// results in different orders: for each barrier in the rasterisers and the loss, the forward or greedy order
-// detected that it was missing (README.md in this folder).
+// The environment variable UBS_CUDA_ON_HOST_ORDER selects which fibre continues:
+// - forward (default): threads in ascending order
+// - reverse: threads in descending order
+// - greedy: threads of the same warp as long as possible, so that a warp runs as far ahead of the other warps
+//   as the barriers allow
+// - a number: the seed of a random order of threads and blocks
+// If a necessary barrier is missing, the results of a kernel depend on the order. For each barrier in the
+// rasterisers and the loss, tests with the forward or the greedy order fail if the barrier is removed
+// (README.md in this folder).
 #include <cstdio>
 #include <cstdlib>
 #include <memory>
@@ -63,7 +67,7 @@ ubs_fibre_switch:
 )");
 void prepare(Context& context, char* stack, void (*entry)()) {
   auto* top = reinterpret_cast<void**>(stack + kStackBytes);
-  *--top = nullptr;  // keeps the alignment that a call would give
+  *--top = nullptr;  // so that the stack is aligned as after a call instruction
   *--top = reinterpret_cast<void*>(entry);
   for (int i = 0; i < 6; ++i) *--top = nullptr;
   context = top;
@@ -82,7 +86,8 @@ void change(Context& from, Context& to) { swapcontext(&from, &to); }
 
 // ---- One block ----
 
-// A point at which fibres wait for each other. They continue when the number of the generation changes.
+// A point at which fibres wait for each other. When the last of them arrives, `generation` changes, and all
+// continue.
 struct Meeting {
   unsigned arrived = 0, generation = 0;
 };
@@ -95,8 +100,8 @@ struct Fibre {
 
   bool runnable() const { return !done && (!waits_for || waits_for->generation != seen); }
 };
-// The values of two generations are stored, because the next exchange may start while lanes still read the
-// values of the last one.
+// A warp stores the values of two generations, because the next exchange may start while lanes still read the
+// values of the previous one.
 struct Warp {
   Meeting meeting;
   std::uint32_t values[2][kLanes];
@@ -139,7 +144,7 @@ void give_way() {
     const unsigned next = block.order[(block.place[here] + step) % count];
     if (block.fibres[next].runnable()) return go_on_with(next);
   }
-  stop("not all threads reach a barrier or warp operation");
+  stop("not all threads of the block reach a barrier or warp operation");
 }
 
 void meet(Meeting& meeting, unsigned needed) {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tests which cards the CUDA back end offers, and what it reports about the others.
+// Tests which GPUs the CUDA back end lists, and which messages it prints about GPUs that it does not list.
 #include <cuda_runtime.h>
 
 #include <catch2/catch.hpp>
@@ -16,15 +16,16 @@ struct OtherCard {
   ~OtherCard() { cuda_on_host::card = {}; }
 };
 
-// Lists the devices twice, because a process lists them several times and this must make no difference. Each
-// message is printed once per process, so each test uses different numbers.
+// Lists the devices twice and returns what is printed. A process may list devices several times, and the
+// second list must be equal to the first. Each message is printed only once per process, so each test uses
+// different version numbers.
 std::string remarks_of_listing(std::size_t devices) {
   return test::on_stderr([&] {
     for (int i = 0; i < 2; ++i) CHECK(cuda::list_devices().size() == devices);
   });
 }
 
-TEST_CASE("without a driver or a card there are no CUDA devices and no remarks", "[cuda]") {
+TEST_CASE("without a driver or a GPU, no CUDA devices are listed and no messages are printed", "[cuda]") {
   SECTION("no driver") {
     const OtherCard card({.runtime = 13000, .count = cudaErrorInsufficientDriver});
     CHECK(remarks_of_listing(0).empty());
@@ -33,7 +34,7 @@ TEST_CASE("without a driver or a card there are no CUDA devices and no remarks",
     const OtherCard card({.driver = 13000, .runtime = 13000, .count = cudaErrorNoDevice});
     CHECK(remarks_of_listing(0).empty());
   }
-  SECTION("a card with matching machine code is not opened") {
+  SECTION("a GPU for which the build has machine code is listed without opening it") {
     for (const int capability : {80, 86, 90}) {
       const OtherCard card({.capability = capability, .code = cudaErrorInvalidValue});
       CHECK(remarks_of_listing(1).empty());
@@ -41,8 +42,8 @@ TEST_CASE("without a driver or a card there are no CUDA devices and no remarks",
   }
 }
 
-TEST_CASE("the reason for having no CUDA devices is reported once", "[cuda]") {
-  SECTION("driver too old") {
+TEST_CASE("the reason why there are no CUDA devices is printed once", "[cuda]") {
+  SECTION("the driver is too old") {
     const OtherCard card({.driver = 12040, .runtime = 13010, .count = cudaErrorInsufficientDriver});
     CHECK(
         remarks_of_listing(0) ==
@@ -53,14 +54,14 @@ TEST_CASE("the reason for having no CUDA devices is reported once", "[cuda]") {
     const OtherCard card({.driver = 13000, .runtime = 13010, .count = cudaErrorInvalidValue});
     CHECK(remarks_of_listing(0) == "ubs: warning: no CUDA devices: cudaError: error on the host\n");
   }
-  SECTION("a card that does not respond") {
+  SECTION("the properties of the GPU cannot be read") {
     const OtherCard card({.driver = 13000, .runtime = 13000, .properties = cudaErrorInvalidValue});
     CHECK(remarks_of_listing(0) == "ubs: warning: CUDA device 0 is not used: cudaError: error on the host\n");
   }
 }
 
-TEST_CASE("a card for which the build has no code is skipped, with the reason", "[cuda]") {
-  SECTION("before Turing") {
+TEST_CASE("a GPU for which the build has no code is not listed, and the reason is printed", "[cuda]") {
+  SECTION("the GPU is older than the Turing generation") {
     const OtherCard card({.capability = 70});
     CHECK(
         remarks_of_listing(0) ==
@@ -71,7 +72,7 @@ TEST_CASE("a card for which the build has no code is skipped, with the reason", 
     const OtherCard card({.capability = 110, .code = cudaErrorNoKernelImageForDevice});
     CHECK(remarks_of_listing(0) ==
           "ubs: warning: CUDA on the host (CUDA device 0, sm_110) is not used: this build (sm_80, sm_90) has "
-          "no code for it (cudaError: error on the host): configure with "
+          "no code for this GPU (cudaError: error on the host): configure with "
           "-DCMAKE_CUDA_ARCHITECTURES=110\n");
   }
   SECTION("no machine code, but the driver compiles it") {
@@ -79,7 +80,7 @@ TEST_CASE("a card for which the build has no code is skipped, with the reason", 
     CHECK(remarks_of_listing(1).empty());
     CHECK(cuda::open_device(0)->info().version == "sm_120");
   }
-  SECTION("the error is detected when the card is opened") {
+  SECTION("the machine code does not run, which is detected when the GPU is opened") {
     const OtherCard card({.capability = 90, .code = cudaErrorNoKernelImageForDevice});
     CHECK(remarks_of_listing(1).empty());
     const std::string message = test::message_of([] { cuda::open_device(0); }, ErrorKind::device);
@@ -87,7 +88,7 @@ TEST_CASE("a card for which the build has no code is skipped, with the reason", 
   }
 }
 
-TEST_CASE("the memory of a card excludes the memory that other programs use", "[cuda]") {
+TEST_CASE("the memory of an opened GPU excludes the memory that other programs use", "[cuda]") {
   const std::uint64_t all = cuda::open_device(0)->info().memory_bytes;
   const OtherCard card({.used = std::size_t{all} / 4});
   const DeviceInfo listed = cuda::list_devices().at(0);

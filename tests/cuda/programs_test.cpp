@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Compiles the programs that the CUDA back end compiles at run time with the real NVRTC, which needs no GPU:
-// every value of every switch once, for sm_90. test_variants and test_work check the results of variants, on
-// devices and with --cuda-on-host.
+// Compiles the programs that the CUDA back end compiles at run time with the real NVRTC, which needs no GPU.
+// The programs are compiled for sm_90, and each value of each setting that selects code occurs at least once.
+// The results of variants are tested by test_variants and test_work, on devices and with --cuda-on-host.
 #include <fmt/ranges.h>
 
 #include <catch2/catch.hpp>
@@ -33,9 +33,9 @@ bool compiler_exists() {
   }
 }
 
-// A small set of configurations that together contain every value of every switch. A program ignores switches
-// that it does not read. If a switch exists in all dimensions, a small dimension is used, because programs
-// with large dimensions take ten times as long to compile.
+// Returns a small set of configurations that together contain every value of every setting that selects code.
+// If a setting can be used with any number of dimensions, the configuration has few dimensions, because
+// programs with many dimensions take ten times as long to compile.
 std::vector<KernelConfig> configurations() {
   std::vector<KernelConfig> all;
   const std::set<std::string> names{
@@ -43,7 +43,7 @@ std::vector<KernelConfig> configurations() {
   for (const test::NamedVariant& v : test::named_variants())
     if (names.contains(v.name))
       all.push_back({.dim = v.dim, .query_grad = v.query_grad, .variant = v.variant});
-  for (std::size_t i = 0; i < 3; ++i) all[i].dim = 4;  // the rotations
+  for (std::size_t i = 0; i < 3; ++i) all[i].dim = 4;  // the variants exp, taylor2 and cayley
   all[1].variant.beta_opacity = BetaOpacity::none;
   all[1].variant.colour = ColourMode::sh0;
   all[2].variant.colour = ColourMode::sh1;
@@ -54,7 +54,8 @@ std::vector<KernelConfig> configurations() {
   };
   add([](KernelConfig& c) { c.alpha_min = 1.0f / 255, c.depth = true, c.depth_grad = true; });
   add([](KernelConfig& c) { c.absgrad = true; });
-  add([](KernelConfig& c) { c.dim = 8, c.query_grad = true; });  // not compiled ahead of time
+  // The kernels for N > 7 are not compiled ahead of time.
+  add([](KernelConfig& c) { c.dim = 8, c.query_grad = true; });
   if (test::whole_sweep()) add([](KernelConfig& c) { c.dim = 11; });
   add([](KernelConfig& c) { c.math = MathMode::native; });
   add([](KernelConfig& c) { c.math = MathMode::rough; });
@@ -66,7 +67,8 @@ std::vector<KernelConfig> configurations() {
 }
 
 struct KernelUse {
-  std::string kernel, registers, spilled;  // spilled: bytes stored and loaded
+  // `spilled` consists of the number of bytes stored, "+", and the number of bytes loaded.
+  std::string kernel, registers, spilled;
 };
 std::vector<KernelUse> kernel_uses(const std::string& log) {
   static const std::regex line(
@@ -85,9 +87,9 @@ std::vector<KernelUse> kernel_uses(const std::string& log) {
   return uses;
 }
 
-TEST_CASE("every switch compiles for sm_90, rasterisers without spills", "[cuda]") {
+TEST_CASE("the kernels of all settings compile for sm_90, and rasterisers do not spill registers", "[cuda]") {
   if (!compiler_exists()) return;
-  std::ofstream report("cuda_programs_sm90.csv");  // in the folder of cuda_registers_sm90.csv
+  std::ofstream report("cuda_programs_sm90.csv");  // in the same folder as cuda_registers_sm90.csv
   report << "kernel,options,registers,spill_bytes\n";
   std::set<std::string> seen;
   for (const KernelConfig& config : configurations())
@@ -112,7 +114,7 @@ TEST_CASE("every switch compiles for sm_90, rasterisers without spills", "[cuda]
   CHECK(seen.size() > 20);
 }
 
-TEST_CASE("the default form only compiles the gradient of the camera at run time", "[cuda]") {
+TEST_CASE("with the default variant, only the gradient of the camera is compiled at run time", "[cuda]") {
   for (const bool depth : {true, false}) {
     CHECK(cuda::run_time_programs({.dim = 7, .depth = depth, .backward = false}).empty());
     const std::vector<cuda::ProgramSpec> programs = cuda::run_time_programs({.dim = 7, .depth = depth});
@@ -123,7 +125,7 @@ TEST_CASE("the default form only compiles the gradient of the camera at run time
   CHECK(cuda::run_time_programs({.dim = 8}).size() == 3);  // projection, camera, parameters
 }
 
-TEST_CASE("code for a card that is newer than the compiler is PTX", "[cuda]") {
+TEST_CASE("for a GPU that is newer than the compiler, programs are compiled to PTX", "[cuda]") {
   if (!compiler_exists()) return;
   const cuda::ProgramSpec spec{"cuda_backend/map_parameters.cuh", {"adam_step"}, {"-DUBS_N=3"}};
   CHECK(cuda::compile_program(spec, 999).binary.find(".visible .entry adam_step(") != std::string::npos);
@@ -131,7 +133,7 @@ TEST_CASE("code for a card that is newer than the compiler is PTX", "[cuda]") {
         std::string::npos);
 }
 
-TEST_CASE("compiled programs are stored, and compiled again if damaged", "[cuda]") {
+TEST_CASE("compiled programs are cached, and compiled again if a cache file is damaged", "[cuda]") {
   if (!compiler_exists()) return;
   const test::TempFolder folder;
   ::setenv("UBS_KERNEL_CACHE", folder.path().c_str(), 1);
@@ -141,7 +143,7 @@ TEST_CASE("compiled programs are stored, and compiled again if damaged", "[cuda]
   const std::filesystem::path file = *std::filesystem::directory_iterator(folder.path());
   const std::string whole = test::get(file);
   CHECK(whole.size() == binary.size() + 4);
-  std::string other = whole;  // a complete file is used unchanged
+  std::string other = whole;
   CHECK(cuda::cached_binary(spec, kHopper) == binary);
   other[other.size() / 2] = static_cast<char>(other[other.size() / 2] ^ 1);
   for (const std::string& damaged : {other, whole.substr(0, 100), std::string()}) {
@@ -155,7 +157,7 @@ TEST_CASE("compiled programs are stored, and compiled again if damaged", "[cuda]
   ::unsetenv("UBS_KERNEL_CACHE");
 }
 
-TEST_CASE("the selected NVRTC generates code that the driver can load", "[cuda]") {
+TEST_CASE("an NVRTC whose code is too new for the driver is not selected", "[cuda]") {
   using Names = std::vector<std::string>;
   CHECK(cuda::toolkit_names("libnvrtc", "11.2", 12040) ==
         Names{"libnvrtc.so.12", "libnvrtc.so.11.2", "libnvrtc.so", "/usr/local/cuda/lib64/libnvrtc.so"});
@@ -170,7 +172,7 @@ TEST_CASE("the selected NVRTC generates code that the driver can load", "[cuda]"
   };
   CHECK(version_for(13000) == 13);
   CHECK(version_for(14000) == 13);
-  CHECK(version_for(0) == 13);  // no driver
+  CHECK(version_for(0) == 13);  // without a driver, any version is accepted
   CHECK(version_for(12040) == 12);
   const std::string message =
       test::message_of([&] { cuda::open_nvrtc(newer_first, 11080); }, ErrorKind::device);
@@ -185,7 +187,7 @@ TEST_CASE("a compilation failure is a build error that contains the message of t
   const cuda::ProgramSpec spec{"cuda_backend/map_parameters.cuh", {"adam_step"}, {"-DUBS_N=not_a_number"}};
   try {
     cuda::compile_program(spec, kHopper);
-    FAIL("compiled");
+    FAIL("the program was compiled although its options are invalid");
   } catch (const Error& error) {
     CHECK(error.kind() == ErrorKind::build);
     CHECK(std::string(error.what()).find("not_a_number") != std::string::npos);

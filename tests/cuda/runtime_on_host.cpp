@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Memory and streams of the CUDA runtime on the host, and the algorithms that CUB provides on a GPU.
+// Implements the memory and the streams of the CUDA runtime on the host, and the algorithms that CUB provides
+// on a GPU.
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
@@ -16,7 +17,8 @@
 namespace {
 
 constexpr std::size_t kFence = 256, kMemoryBytes = std::size_t{2} << 30;
-constexpr unsigned char kFenceByte = 0xa5, kPoison = 0xff;  // poison: NaN, or the largest index
+// Guard bytes are kFenceByte. New memory is filled with kPoison, which gives NaN or the largest index.
+constexpr unsigned char kFenceByte = 0xa5, kPoison = 0xff;
 std::map<void*, std::size_t> sizes;
 std::set<cudaStream_t> streams;
 
@@ -137,7 +139,7 @@ namespace cuda_on_host {
 
 namespace {
 
-// Rounds to the nearest multiple of 2^dropped units in the last place.
+// Returns x rounded to a multiple of 2^dropped units in the last place. Denormal results become 0.
 float coarse(float x, int dropped) {
   std::uint32_t bits;
   std::memcpy(&bits, &x, sizeof bits);
@@ -161,8 +163,8 @@ float recip_approx(float x) { return coarse(1 / x, 1); }
 namespace ubs::cuda {
 namespace {
 
-// Follows the protocol of CUB: a call without memory returns the size. The second call must provide memory of
-// this size, and is executed by the stream.
+// Runs `call` like an algorithm of CUB. A call without scratch memory only returns the size that is needed.
+// The second call must pass scratch memory of this size; then `call` is enqueued on the stream.
 template <typename Call>
 cudaError_t algorithm(Workspace& workspace, cudaStream_t stream, const Call& call) {
   constexpr std::size_t kBytes = 64;

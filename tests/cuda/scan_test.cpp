@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tests the counts of splats and tiles in one word (AddCounts): the sum does not depend on how a range is
-// divided, and the number of tiles saturates at the largest value that fits.
+// Tests AddCounts, which adds numbers of splats and tiles that are packed into one word. The sum must not
+// depend on how the splats are divided into ranges, and the number of tiles must saturate at the largest
+// value that fits.
 #include <catch2/catch.hpp>
 #include <random>
 
@@ -9,7 +10,7 @@
 namespace ubs::cuda {
 namespace {
 
-TEST_CASE("packed counts have the same sum for every division of the range", "[cuda]") {
+TEST_CASE("the sum of packed counts does not depend on how the splats are divided into ranges", "[cuda]") {
   std::mt19937 random{3};
   for (const u32 bits : {2u, 17u, 24u, 31u}) {
     const ToCounts counts{bits};
@@ -22,8 +23,8 @@ TEST_CASE("packed counts have the same sum for every division of the range", "[c
       for (int i = 0; i < splats; ++i) {
         const u32 mine = random() % 3 == 0 ? 0 : static_cast<u32>(random()) >> random() % 32;
         words.push_back(counts(mine));
-        // Tests up to the capacity of a word. More than 32 bits of tiles only occur for ranges, which are
-        // sums themselves.
+        // Adds more tiles, up to the largest number that fits. A single splat has less than 2^32 tiles;
+        // larger numbers occur only in the sums of ranges.
         const u64 more = mine > 0 && bits > 2 ? (u64{random()} << (random() % 40)) % (most - mine) : 0;
         words.back() += more << bits;
         drawn += mine > 0 ? 1 : 0;

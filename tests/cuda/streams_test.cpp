@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tests uploads on a separate stream with the CUDA runtime of tests/cuda. One or both streams run as late as
-// CUDA allows. Uploads must overlap with later work and be neither too early nor too late.
+// Tests uploads on a separate stream with the CUDA runtime of tests/cuda. The main stream, the upload stream
+// or both of them run their work as late as CUDA allows. An upload must not delay later work, must not start
+// before earlier work has ended, and must be complete after join_uploads().
 #include <catch2/catch.hpp>
 
 #include "cuda_backend/cuda_device.hpp"
@@ -33,7 +34,7 @@ struct Bench {
   void copy_async(float value) {
     std::vector<float> values(kThreads, value);
     device.copy_async(*image.view().memory, std::as_bytes(std::span<const float>(values)));
-    values.assign(kThreads, -100.0f);  // may be changed immediately
+    values.assign(kThreads, -100.0f);  // allowed immediately after copy_async(), so it must have no effect
   }
   void give_add() {
     device.launch("add", cuda::Kernel<void(float*, const float*)>(add), 1, kThreads, sum.view(),
@@ -50,8 +51,7 @@ TEST_CASE("an upload on a separate stream does not delay later work", "[cuda]") 
   b.let_late(false, true);
   b.copy_async(2);
   b.give_add();
-  CHECK(b.first_sum() ==
-        1);  // the work is done, also from the host's view, and the upload is still in progress
+  CHECK(b.first_sum() == 1);  // the addition has ended although the upload has not been done yet
   b.device.join_uploads();
   b.give_add();
   CHECK(b.first_sum() == 3);
@@ -67,7 +67,7 @@ TEST_CASE("an upload on a separate stream waits for earlier work", "[cuda]") {
   CHECK(b.first_sum() == 3);
 }
 
-TEST_CASE("uploads on a separate stream keep their order and values if both streams are late", "[cuda]") {
+TEST_CASE("uploads on a separate stream keep order and values if both streams are late", "[cuda]") {
   Bench b;
   b.let_late(true, true);
   for (int i = 1; i <= 5; ++i) {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tests that camera poses with errors are corrected. The cameras see a textured wall and a board in front of
-// it.
+// Tests that align_cameras() corrects errors of camera poses. The cameras see a textured wall, and a board in
+// front of the wall.
 #include "host/data/align_cameras.hpp"
 
 #include <catch2/catch.hpp>
@@ -25,7 +25,7 @@ cv::Mat spots(int seed) {
   return texture;
 }
 
-// Returns cameras on an arc around the point (0, 0, kToMiddle), at which they look.
+// Returns camera i on an arc around the point (0, 0, kToMiddle). All cameras look at this point.
 Camera camera_at(int i) {
   Camera c;
   c.width = kAcross, c.height = kDown;
@@ -62,7 +62,7 @@ View seen_from(const Camera& camera, const cv::Mat& wall, const cv::Mat& board) 
 }
 
 struct PoseErrors {
-  double turn = 0, centre = 0;  // root mean squares
+  double turn = 0, centre = 0;  // root mean squares over the cameras, in radians and in units of the scene
 };
 
 PoseErrors errors(std::vector<Camera> cameras, std::span<const Camera> truth) {
@@ -102,7 +102,7 @@ TEST_CASE("cameras are aligned by keypoints of their images") {
   const PoseErrors before = errors(given, truth), after = errors(found.cameras, truth);
   INFO("turn " << after.turn << " of " << before.turn << ", centre " << after.centre << " of "
                << before.centre);
-  CHECK(after.turn < 0.08 * before.turn);  // observed 0.041, 0.055
+  CHECK(after.turn < 0.08 * before.turn);  // observed ratios: 0.041 and, for centres, 0.055
   CHECK(after.centre < 0.11 * before.centre);
   const Alignment again = align_cameras(views);
   for (std::size_t i = 0; i < kViews; ++i) {

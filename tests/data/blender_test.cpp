@@ -50,7 +50,7 @@ TEST_CASE("blender: a known point is projected to a known pixel", "[blender]") {
   TempFolder folder;
   // The camera is at (0, -4, 0), looks along +y, and has +z up: right = x, up = z, back = -y.
   const std::string matrix = "[[1,0,0,0],[0,0,-1,-4],[0,1,0,0],[0,0,0,1]]";
-  const double angle = 2 * std::atan(0.5);  // fx = width: at depth 4 a metre is width / 4 pixels
+  const double angle = 2 * std::atan(0.5);  // gives fx = width, so one unit at depth 4 is width / 4 pixels
   const Split split =
       load(folder,
            document(frame("", matrix), fmt::format(R"("camera_angle_x": {:.17g}, "w": 80, "h": 60)", angle)));
@@ -61,12 +61,12 @@ TEST_CASE("blender: a known point is projected to a known pixel", "[blender]") {
   CHECK(centre[0] == Approx(0).margin(1e-15));
   CHECK(centre[1] == Approx(-4));
   CHECK(centre[2] == Approx(0).margin(1e-15));
-  const auto pixel = project(camera, {1, 0, 0.5});  // right of and above the axis
+  const auto pixel = project(camera, {1, 0, 0.5});  // the point is right of and above the optical axis
   CHECK(pixel[0] == Approx(40 + 20));
   CHECK(pixel[1] == Approx(30 - 10));
 }
 
-TEST_CASE("blender: intrinsics from file and frame", "[blender]") {
+TEST_CASE("blender: intrinsics are read from the file and from each frame", "[blender]") {
   TempFolder folder;
   const auto camera = [&](const std::string& head, const std::string& more, int downscale = 1) {
     DatasetOptions options;
@@ -116,8 +116,9 @@ TEST_CASE("blender: pixel quantities are scaled to the size of the image file", 
   options.load_images = false;
   const View bare = load(folder, document(frame(""), R"("camera_angle_x": 1.0)"), options).views.at(0);
   CHECK(bare.image.width == 0);
-  CHECK(bare.camera.width == 16);                                      // read from the PNG header
-  const Camera same = load(folder, json, options).views.at(0).camera;  // with and without pixels
+  CHECK(bare.camera.width == 16);  // read from the PNG header
+  // The camera must be the same with and without pixels.
+  const Camera same = load(folder, json, options).views.at(0).camera;
   CHECK(same.width == small.camera.width);
   CHECK(same.fx == small.camera.fx);
 }
@@ -166,7 +167,7 @@ TEST_CASE("blender: time is normalised with the range of the training file", "[b
   CHECK(load(folder, document(frame(""))).views[0].camera.time == 0.0);
 }
 
-TEST_CASE("blender: names, duplicates, file extensions, further query values", "[blender]") {
+TEST_CASE("blender: names become unique and lose their extensions, and query values are read", "[blender]") {
   TempFolder folder;
   const auto named = [](const std::string& path) { return frame("\"query\": [0.5, -1]", kIdentity, path); };
   const Split split =
@@ -178,7 +179,7 @@ TEST_CASE("blender: names, duplicates, file extensions, further query values", "
   CHECK(split.views[3].camera.extra == std::vector<double>{0.5, -1});
 }
 
-TEST_CASE("blender: missing images", "[blender]") {
+TEST_CASE("blender: a missing image is accepted if the JSON contains its size", "[blender]") {
   TempFolder folder;
   const View view = load(folder, document(frame(""))).views.at(0);
   CHECK(view.image.width == 0);
@@ -232,7 +233,7 @@ TEST_CASE("blender: errors contain the file, the frame and the field", "[blender
   CHECK_THAT(bad_frame(frame("\"query\": 4")), Contains(place + "'query' must be an array"));
   CHECK_THAT(bad_frame(frame("\"query\": [null]")), Contains(place + "'query' must be an array of finite"));
   CHECK_THAT(bad_frame(frame("\"query\": [1]")),
-             Contains(place + "'query' has 1 values, but that of frame 0 has 0"));
+             Contains(place + "'query' has 1 values, but 'query' of frame 0 has 0"));
   CHECK_THAT(bad_frame(frame("\"w\": 8.5")), Contains(place + "'w' = 8.5 must be a whole number"));
   CHECK_THAT(bad_frame(frame("\"h\": 0")), Contains("'h' = 0"));
   CHECK_THAT(bad_frame(frame("\"h\": 1e12")), Contains("whole number"));
@@ -243,7 +244,7 @@ TEST_CASE("blender: errors contain the file, the frame and the field", "[blender
   CHECK_THAT(refusal(document(frame(""), "\"w\": 8, \"h\": 8")), Contains("'camera_angle_x' or 'fl_x'"));
 }
 
-TEST_CASE("extent: 1.1 times the largest distance from the mean camera", "[blender]") {
+TEST_CASE("the scene extent is 1.1 times the largest distance of a camera from their mean", "[blender]") {
   std::vector<View> views(3);
   views[0].camera.translation = {3, 0, 0};  // identity rotation: centre = -translation
   views[1].camera.translation = {-3, 0, 0};
@@ -254,7 +255,7 @@ TEST_CASE("extent: 1.1 times the largest distance from the mean camera", "[blend
   CHECK_THAT(message_of([] { scene_extent({}); }), Contains("no views"));
 }
 
-TEST_CASE("blender: lego, a real static set", "[blender]") {
+TEST_CASE("blender: the static dataset lego is loaded", "[blender]") {
   UBS_REQUIRE_DATA(folder, "lego_200");
   const Split train = load_blender_split(folder, "train");
   CHECK(train.views.size() == 100);
@@ -283,14 +284,15 @@ TEST_CASE("blender: a real dynamic set whose test times span less than the train
   const Split test = load_blender_split(folder, "test", options);
   CHECK(test.views.front().camera.time == Approx(0.09395973154362416));
   CHECK(test.views.back().camera.time == Approx(0.912751677852349));
-  // Its cameras differ, so fl_x of the frame (482.84) must take precedence over camera_angle_x of the file
-  // (428.90).
+  // The cameras of this data set differ, so fl_x of the frame (482.84) must take precedence over the focal
+  // length that follows from camera_angle_x of the file (428.90).
   CHECK(test.views[0].camera.fx == Approx(482.8427124746));
 }
 
 namespace {
 
-// Writes a points3d.ply in which `colour(position, random number)` returns the grey value of each point.
+// Writes a PLY file with `count` points. `position()` returns the position of the next point, and
+// `colour(position)` returns its grey value.
 template <typename Position, typename Colour>
 void put_points(const std::filesystem::path& file, int count, Position position, Colour colour) {
   std::string text = fmt::format(
@@ -347,7 +349,7 @@ TEST_CASE("blender: random points that 3DGS code has written into the folder are
     CHECK(taken(on_sphere, grey));
     CHECK(taken(on_sphere, any));
   }
-  put_points(folder / "points3d.ply", 300, in_box, grey);  // too few to decide
+  put_points(folder / "points3d.ply", 300, in_box, grey);  // too few points to decide whether they are random
   std::string note;
   CHECK(points_of(note) == 300);
 }

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tests COLMAP folders: both kinds of files, every camera model, splits, masks, sizes, errors, and real
-// scenes.
+// Tests the loader of COLMAP folders with text and binary files, every camera model, splits, masks, different
+// image sizes, damaged files, and real scenes.
 #include "host/data/colmap.hpp"
 
 #include <opencv2/imgcodecs.hpp>
@@ -160,7 +160,7 @@ TEST_CASE("colmap: images whose aspect ratio differs from their cameras are reje
   }
 }
 
-TEST_CASE("colmap: downscale, principal point, split, other folders", "[colmap]") {
+TEST_CASE("colmap: the scale, principal point, split and image folder can be chosen", "[colmap]") {
   TempFolder folder;
   put_scene(folder);
   DatasetOptions options;
@@ -205,7 +205,7 @@ TEST_CASE("colmap: distorted images are undistorted, which is reported", "[colma
   const View& view = data.find("train")->views[0];
   CHECK(view.camera.fx == 50);
   CHECK(view.image.width == view.camera.width);
-  CHECK(view.camera.width < 64);  // pincushion: the corners reach farther than the edges
+  CHECK(view.camera.width < 64);  // the lens has pincushion distortion, so the undistorted image is smaller
   CHECK(std::ranges::any_of(data.report.notes,
                             [](const std::string& n) { return n.find("undistorted") != n.npos; }));
   DatasetOptions options;
@@ -312,7 +312,7 @@ TEST_CASE("colmap: masks may have colours and a meaningful alpha channel", "[col
   const TempFolder folder;
   put_scene(folder);
   std::filesystem::create_directories(folder / "masks");
-  // The upper half is black or transparent; blue, green, red, alpha.
+  // The upper half of each mask is black or transparent. Channels are in the order blue, green, red, alpha.
   const auto masked = [&](const cv::Mat& upper, const cv::Mat& lower) {
     cv::Mat mask;
     cv::vconcat(upper, lower, mask);
@@ -341,8 +341,8 @@ TEST_CASE("colmap: an image with alpha is not opaque", "[colmap]") {
   for (std::size_t i = 1; i < views.size(); ++i) CHECK(views[i].opaque);
 }
 
-// All views of an image are in the same split, which depends on the name of the image as for other images.
-// The views have different names.
+// All views of a wide image must be in the same split. As for other images, the split depends on the name of
+// the image. The views must have different names.
 TEST_CASE("colmap: wide images become several views", "[colmap]") {
   TempFolder folder;
   put_scene(folder);
@@ -366,7 +366,8 @@ TEST_CASE("colmap: wide images become several views", "[colmap]") {
   CHECK(names.size() == 60);
   CHECK(std::ranges::count(data.report.differences,
                            "10 wide images were split into 60 pinhole views of at most 90 degrees") == 1);
-  // A fisheye image does not cover the corners of its last faces. A cache folder returns the same pixels.
+  // A fisheye image does not cover all pixels of its outer views, so these pixels are masked. Views that are
+  // read from the cache folder must have the same pixels.
   put(folder / "sparse/0/cameras.txt", "1 FISHEYE 64 48 16 16 32 24\n");
   const TempFolder cache;
   DatasetOptions options;
@@ -387,7 +388,7 @@ TEST_CASE("colmap: wide images become several views", "[colmap]") {
   CHECK(masked > 0);
 }
 
-// If a mask excludes all pixels of a view, the view is dropped, because it could not be measured.
+// If a mask excludes all pixels of a view, the view is dropped, because it has no pixel for metrics.
 TEST_CASE("colmap: the mask of a wide image is applied to its views", "[colmap]") {
   TempFolder folder;
   put_scene(folder);
@@ -404,7 +405,7 @@ TEST_CASE("colmap: the mask of a wide image is applied to its views", "[colmap]"
   }
 }
 
-TEST_CASE("colmap: every model of the binary files", "[colmap]") {
+TEST_CASE("colmap: every camera model of binary files is read", "[colmap]") {
   TempFolder folder;
   const int counts[] = {3, 4, 4, 5, 8, 8, 12, 5, 4, 5, 12, 16, 4, 5, 3, 4, 6, 2};
   const std::set<int> one_focal{0, 2, 3, 8, 9, 12, 14};
@@ -476,7 +477,7 @@ TEST_CASE("colmap: errors of damaged files contain the line or byte", "[colmap]"
   CHECK_THAT(message(), Contains("images.bin"));
 }
 
-TEST_CASE("colmap: real scenes", "[colmap][data]") {
+TEST_CASE("colmap: real scenes are loaded", "[colmap][data]") {
   struct Scene {
     const char* name;
     std::size_t train, test, points;

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tests the conversion of models between the two forms of conditioning, by comparing splats at several
-// queries before and after, as the oracle computes them.
+// Tests the conversion of models between covariance conditioning and direct conditioning. The tests compare
+// the splats before and after a conversion, for several views. The oracle, which is the reference
+// implementation in float64, computes these splats.
 #include "host/scene/conditioning.hpp"
 
 #include <algorithm>
@@ -33,7 +34,8 @@ Conditioned<double> seen(const SplatModel& model, std::size_t splat, int view) {
 }
 
 struct Difference {
-  // The mean is relative to the size of the splat, the covariance to its square, and the opacity is absolute.
+  // The largest differences. `mean` is relative to the size of the splat, `covariance` is relative to the
+  // square of the size, and `opacity` is absolute.
   double mean = 0, covariance = 0, opacity = 0;
   int compared = 0;
 };
@@ -44,7 +46,7 @@ Difference difference(const SplatModel& a, const SplatModel& b) {
     for (int view = 0; view < 3; ++view) {
       const Conditioned<double> x = seen(a, i, view), y = seen(b, i, view);
       const oracle::Matrix<double> v = oracle::symmetric(x.covariance), w = oracle::symmetric(y.covariance);
-      // Only splats with a definite covariance can be converted.
+      // Only splats with a positive definite covariance can be converted.
       const oracle::Matrix<double> factor = oracle::cholesky(v);
       if (!std::isfinite(factor(2, 2))) continue;
       const double square = v(0, 0) + v(1, 1) + v(2, 2);
@@ -68,10 +70,10 @@ void check_kept(const Difference& d) {
 const ModelVariant kGaussian{
     .beta_cond = BetaCond::off, .beta_opacity = BetaOpacity::gaussian, .kernel = SpatialKernel::gaussian};
 
-TEST_CASE("conditioning: Gaussian models are converted to the direct form and back without change",
+TEST_CASE("conditioning: Gaussian models are converted to direct conditioning and back without change",
           "[conditioning]") {
   ModelVariant cholesky = kGaussian, weighted = kGaussian;
-  cholesky.cov_param = CovParam::cholesky;  // 6DGS, 7DGS
+  cholesky.cov_param = CovParam::cholesky;  // as in 6DGS and 7DGS
   weighted.beta_cond = BetaCond::on;
   weighted.cov_mode = CovMode::whiten;
   weighted.colour = ColourMode::sh1;
@@ -105,7 +107,7 @@ TEST_CASE("conditioning: only the opacity of Beta models changes, by the reporte
       check_kept(d);
       CHECK((there.opacity_most > 1e-3) == (dim > 4));
       CHECK((d.opacity > 1e-3) == (dim > 4));
-      // If query dimensions are not correlated, the residuals are the same.
+      // If the query dimensions are not correlated, the opacity does not change either.
       const ParameterLayout l = model.layout();
       for (int row = l.l_triangle + 3; row < l.count; ++row) std::ranges::fill(model.row(row), 0.0f);
       const Reconditioned same = to_direct(model);
@@ -121,7 +123,7 @@ TEST_CASE("conditioning: a Beta model is converted back if this is possible", "[
   for (int q = 3; q < 6; ++q)
     for (int c = 0; c < 3; ++c)
       for (float& theta : model.row(l.l_triangle + q * (q - 1) / 2 + c)) theta *= 0.1f;
-  for (int q = 0; q < l.query; ++q)  // similar weights
+  for (int q = 0; q < l.query; ++q)  // makes the weights similar
     for (float& b : model.row(l.query_beta + q)) b = -0.2f + 0.02f * b;
   const Difference d = difference(model, to_covariance(model).model);
   CHECK(d.compared == 180);

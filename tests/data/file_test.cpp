@@ -80,7 +80,7 @@ TEST_CASE("file: links, folders and devices are never replaced", "[file]") {
 // Every process that starts in a folder searches it for abandoned files, and must not delete a file that
 // another process has just opened. Without checking the file again after locking it, one of 700 writes
 // failed.
-TEST_CASE("file: a search for abandoned files deletes none that is being written", "[file]") {
+TEST_CASE("file: a search for abandoned files deletes no file that is being written", "[file]") {
   const TempFolder folder;
   std::atomic<bool> done{false};
   std::thread searching([&] {
@@ -114,7 +114,7 @@ TEST_CASE("file: temporary files are removed if no process has locked them", "[f
 TEST_CASE("file: errors contain the path", "[file]") {
   TempFolder folder;
   CHECK_THAT(message_of([&] { read_file(folder / "none"); }), Contains("none: no such file"));
-  std::filesystem::create_symlink("loop", folder / "loop");  // it exists
+  std::filesystem::create_symlink("loop", folder / "loop");  // the link exists
   CHECK_THAT(message_of([&] { read_file(folder / "loop"); }), Contains("loop: cannot be accessed: "));
   CHECK_THAT(message_of([&] { read_file(folder.path()); }), Contains("is a folder"));
   CHECK_THAT(message_of([&] { write_file_atomically(folder.path(), "x"); }), Contains("is a folder"));

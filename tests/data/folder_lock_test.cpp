@@ -12,7 +12,7 @@ using namespace ubs::test;
 using Catch::Contains;
 namespace fs = std::filesystem;
 
-TEST_CASE("folder lock: one process at a time, and the error of the second names the first", "[made]") {
+TEST_CASE("folder lock: only one process can write to a folder, and the error names this process", "[made]") {
   const TempFolder folder;
   {
     const FolderLock lock(folder / "new/run");

@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Gaussians as the formats of other programs define them, for tests that read these files."""
+"""Computes covariances and colours of Gaussians as the formats of other programs define them. Tests that read such
+files use these functions."""
 
 import numpy as np
 
-C0 = 0.28209479177387814  # the constant harmonic
+C0 = 0.28209479177387814  # the value of the constant spherical harmonic
 
 
 def covariances(scale, wxyz):
@@ -21,8 +22,8 @@ def covariances(scale, wxyz):
 
 
 def colour(sh, d):
-    """Returns colours from harmonics up to degree 3 with the signs of 3DGS; sh is (n, coefficients, 3), d (n, 3) unit
-    vectors."""
+    """Returns colours (n, 3) from spherical harmonics up to degree 3 with the signs of 3DGS. sh is (n, coefficients,
+    3), and d are unit vectors (n, 3)."""
     x, y, z = d.T
     xx, yy, zz = x * x, y * y, z * z
     basis = [

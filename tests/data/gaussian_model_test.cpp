@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tests models of Gaussians and spherical harmonics: lossless conversion from third-party splats and back,
-// conversion from every form of rotation, and the reduction that keeps harmonics.
+// Tests models of Gaussians with spherical harmonics: lossless conversion from third-party splats and back,
+// conversion from every parametrisation of the rotation, and the reduction to three dimensions, which keeps
+// the harmonics.
 #include "host/data/gaussian_model.hpp"
 
 #include "host/data/ply.hpp"
@@ -59,11 +60,11 @@ TEST_CASE("gaussian model: third-party splats are restored without change", "[ga
     CHECK(d.opacity == 0);
     CHECK(d.dc == 0);
     CHECK(d.rest == 0);
-    CHECK(d.log_scale < 1e-6);  // 5e-7
+    CHECK(d.log_scale < 1e-6);  // observed: 5e-7
   }
 }
 
-TEST_CASE("gaussian model: every rotation and factor becomes axes and a quaternion", "[gaussian]") {
+TEST_CASE("gaussian model: every kind of covariance is converted to scales and a quaternion", "[gaussian]") {
   std::vector<ModelVariant> variants;
   for (const RotMode mode :
        {RotMode::taylor1, RotMode::taylor2, RotMode::cayley, RotMode::exp, RotMode::quaternion})
@@ -116,7 +117,7 @@ TEST_CASE("gaussian model: DBS splats keep their kernel, and antialiased splats 
   CHECK(to_imported_splats(exact_model(filtered)).antialiased);
 }
 
-TEST_CASE("gaussian model: reduction keeps harmonics and Gaussian sizes, and rejects unsupported forms",
+TEST_CASE("gaussian model: reduction keeps harmonics and Gaussian sizes, and rejects unsupported variants",
           "[gaussian]") {
   SplatModel model(6, 20, {.kernel = SpatialKernel::gaussian, .colour = ColourMode::sh2});
   const ParameterLayout l = model.layout();
@@ -128,7 +129,7 @@ TEST_CASE("gaussian model: reduction keeps harmonics and Gaussian sizes, and rej
   const ImportedSplats out = reduce_splats(model);
   REQUIRE(out.count() == 20);
   CHECK(out.sh_degree == 2);
-  CHECK(out.sh[2] == 2);  // constant terms first, then the others of red
+  CHECK(out.sh[2] == 2);  // the constant terms of all channels, followed by the other terms of red
   CHECK(out.sh[3] == 3);
   CHECK(out.sh[4] == 3 + 8);
   CHECK(std::exp(out.log_scales[0][0]) == Approx(softplus_of(-1)).epsilon(1e-5));
@@ -136,7 +137,7 @@ TEST_CASE("gaussian model: reduction keeps harmonics and Gaussian sizes, and rej
   CHECK_THAT(message_of([&] { reduce_splats(cholesky); }, ErrorKind::usage), Contains("cholesky"));
 }
 
-TEST_CASE("gaussian model: one function reads every file", "[gaussian]") {
+TEST_CASE("gaussian model: load_splat_model() also reads third-party files", "[gaussian]") {
   TempFolder folder;
   write_spz(folder / "a.spz", random_splats(30, 2));
   const LoadedModel exact = load_splat_model(folder / "a.spz");

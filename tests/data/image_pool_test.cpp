@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tests the bounded pool of images: pixels do not depend on the budget and the threads, the budget is
-// respected, and errors are reported.
+// Tests ImagePool, which keeps decoded images up to a budget of memory. Pixels must not depend on the budget
+// and the number of threads, the budget must be respected, and errors must be reported.
 #include "host/scene/image_pool.hpp"
 
 #include <sys/resource.h>
@@ -72,7 +72,7 @@ TEST_CASE("pool: every request for a broken image throws its error", "[pool]") {
   for (int i = 0; i < 3; ++i) CHECK_THAT(message_of([&] { pool.get(0); }), Contains("image -3 is damaged"));
 }
 
-TEST_CASE("pool: several threads get the same few images, although it only has space for one", "[pool]") {
+TEST_CASE("pool: several threads get the right images, although the pool only has space for one", "[pool]") {
   ImagePool pool(1, 4);
   for (int i = 0; i < 3; ++i) pool.add(std::make_shared<CountedSource>(i, 1000));
   std::atomic<int> wrong{0};
@@ -93,7 +93,8 @@ TEST_CASE("pool: several threads get the same few images, although it only has s
   CHECK(wrong == 0);
 }
 
-#if !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)  // they need the address space
+// Sanitizers reserve more address space than this test allows.
+#if !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
 TEST_CASE("pool: a thread that cannot be started is an error, not an endless wait", "[pool]") {
   const pid_t child = fork();
   REQUIRE(child >= 0);

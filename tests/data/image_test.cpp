@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tests images: the compositing and truncation rule of method.md 4.5, 16-bit input, Pillow's resizing, PNG
-// output, and errors.
+// Tests reading and writing images: compositing and truncation (docs/method.md, section 4.5), 16-bit files,
+// resizing as in Pillow, PNG output, and errors.
 #include "host/data/image.hpp"
 
 #include <cmath>
@@ -18,7 +18,8 @@ using Catch::Contains;
 
 namespace {
 
-// Deterministic content without symmetry. The Python code that created the reference uses the same formula.
+// Returns an image with deterministic content and without symmetry. The Python code that computed the hashes
+// below uses the same formula.
 Image8 pattern(int width, int height) {
   Image8 image{width, height, {}};
   for (int y = 0; y < height; ++y)
@@ -66,13 +67,13 @@ TEST_CASE("image: RGB and grey values are unchanged and in RGB order", "[image]"
   save_png(folder / "a.png", image);
   CHECK(load_image(folder / "a.png", {1, 1, 1}).rgb == image.rgb);
   const cv::Mat first_pixel = cv::imread((folder / "a.png").string());
-  CHECK(first_pixel.at<cv::Vec3b>(0, 0) == cv::Vec3b(106, 53, 0));  // OpenCV: B, G, R
+  CHECK(first_pixel.at<cv::Vec3b>(0, 0) == cv::Vec3b(106, 53, 0));  // B, G, R, as in OpenCV
   cv::imwrite((folder / "grey.png").string(), cv::Mat(1, 2, CV_8U, cv::Scalar(77)));
   CHECK(load_image(folder / "grey.png").rgb == std::vector<std::uint8_t>(6, 77));
   CHECK(file_count(folder.path()) == 2);
 }
 
-TEST_CASE("image: 16-bit input", "[image]") {
+TEST_CASE("image: files with 16 bits are converted to 8 bits", "[image]") {
   TempFolder folder;
   const cv::Mat rgb(1, 1, CV_16UC3, cv::Scalar(65535, 128 * 257 + 128, 257 * 10 + 129));  // B, G, R
   cv::imwrite((folder / "rgb.png").string(), rgb);
@@ -83,7 +84,7 @@ TEST_CASE("image: 16-bit input", "[image]") {
 }
 
 TEST_CASE("image: resizing gives the same bytes as Pillow", "[image]") {
-  // FNV-1a of np.asarray(Image.fromarray(pattern).resize((W, H))), Pillow 13.0.
+  // The hashes are FNV-1a of np.asarray(Image.fromarray(pattern).resize((W, H))), with Pillow 13.0.
   struct Case {
     int w, h, out_w, out_h;
     std::uint32_t hash;
@@ -126,7 +127,8 @@ TEST_CASE("image: errors contain the path", "[image]") {
   TempFolder folder;
   CHECK_THAT(message_of([&] { load_image(folder / "none.png"); }), Contains("none.png: no such file"));
   put(folder / "empty.png", "");
-  CHECK_THAT(message_of([&] { load_image(folder / "empty.png"); }), Contains("empty.png: empty file"));
+  CHECK_THAT(message_of([&] { load_image(folder / "empty.png"); }),
+             Contains("empty.png: the image is an empty file"));
   put(folder / "text.png", "this is no image");
   CHECK_THAT(message_of([&] { load_image(folder / "text.png"); }), Contains("text.png: cannot decode"));
   CHECK_THAT(message_of([&] { image_file_size(folder / "text.png"); }), Contains("text.png: cannot decode"));

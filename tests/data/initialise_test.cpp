@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Compares Philox with the published results, and tests every row of the initial model (method.md 1.3).
+// Compares the random number generator Philox with published results, and tests every parameter of the
+// initial model (docs/method.md, section 1.3).
 #include "host/scene/initialise.hpp"
 
 #include <algorithm>
@@ -39,7 +40,7 @@ double softplus(double x) { return std::log1p(std::exp(x)); }
 
 }  // namespace
 
-TEST_CASE("philox: known results of the Random123 distribution", "[initialise]") {
+TEST_CASE("philox: results agree with the known answers that Random123 contains", "[initialise]") {
   CHECK(philox4x32_10({0, 0, 0, 0}, {0, 0}) == PhiloxCounter{0x6627e8d5, 0xe169c58d, 0xbc57ac4c, 0x9b00dbd8});
   const std::uint32_t f = 0xffffffff;
   CHECK(philox4x32_10({f, f, f, f}, {f, f}) == PhiloxCounter{0x408f276d, 0x41c83b0e, 0xa20bc7c6, 0x6d5451fd});
@@ -61,7 +62,7 @@ TEST_CASE("philox: uniform and normal draws have their moments", "[initialise]")
     pair += a * b / n;
     streams += (u - 0.5) * (other.uniform(i, 0) - 0.5) / n;
   }
-  // Five standard errors of n = 1e5 draws.
+  // Each margin is five standard errors of the mean of n = 1e5 draws.
   CHECK(u1 == Approx(0.5).margin(5 * 0.2887 / 316));
   CHECK(u2 == Approx(1.0 / 3).margin(5 * 0.298 / 316));
   CHECK(g1 == Approx(0).margin(5.0 / 316));
@@ -101,7 +102,7 @@ TEST_CASE("initialise: neighbour distances agree with brute force", "[initialise
   CHECK(neighbour_distances(same) == std::vector<double>(5000, 1e-7));
 }
 
-TEST_CASE("initialise: every group of the random model", "[initialise]") {
+TEST_CASE("initialise: every parameter of the random model has the documented distribution", "[initialise]") {
   const int dim = GENERATE(3, 4, 5, 6, 7, 9, 11);
   constexpr std::size_t n = 20000;
   const SplatModel model = initialise_random(dim, n, 1);
@@ -118,8 +119,8 @@ TEST_CASE("initialise: every group of the random model", "[initialise]") {
     CHECK(all_equal(model.row(l.rgb + axis), 127.0f / 255.0f));
     CHECK(std::ranges::equal(model.row(l.scale + axis), model.row(l.scale)));
   }
-  // The mean distance to the second or third neighbour of n uniform points is about 0.6 n^(-1/3) times the
-  // side of the box, 2.6.
+  // The scale is the root mean square distance to the three nearest neighbours. For n uniform points, it is
+  // about 0.65 n^(-1/3) times the side of the box, which is 2.6.
   CHECK(softplus(moments(model.row(l.scale)).mean) == Approx(0.65 * 2.6 / std::cbrt(n)).epsilon(0.2));
   CHECK(all_equal(model.row(l.opacity), 0.0f));
   CHECK(all_equal(model.row(l.beta), 0.0f));
@@ -133,7 +134,8 @@ TEST_CASE("initialise: every group of the random model", "[initialise]") {
     CHECK(mean.high <= 1);
     const Moments scale = moments(model.row(l.scale + 3 + q));
     CHECK(softplus(scale.mean) == Approx(1).margin(1e-6));
-    // d softplus = sigmoid(0.5413) = 0.632: the raw deviation is 1e-5 / 0.632; float spacing there is 6e-8.
+    // The derivative of softplus at the raw value 0.5413 is sigmoid(0.5413) = 0.632, so the deviation of the
+    // raw values is 1e-5 / 0.632. The spacing of float values there is 6e-8.
     CHECK(scale.deviation == Approx(1e-5 / 0.632).epsilon(0.03));
   }
   for (int r = l.l_triangle; r < l.count; ++r) {
@@ -148,7 +150,7 @@ TEST_CASE("initialise: the model is reproducible, and depends on seed and option
                    c = initialise_random(6, 500, 2);
   CHECK(a.values == b.values);
   CHECK(a.row(0)[0] != c.row(0)[0]);
-  // Numbers are accessed by index, so the first points do not depend on the number of points.
+  // Random numbers are computed from their index, so the first points do not depend on the number of points.
   CHECK(initialise_random(6, 100, 1).row(0)[99] == a.row(0)[99]);
   InitOptions options;
   options.box = 0.5;
@@ -161,7 +163,7 @@ TEST_CASE("initialise: the model is reproducible, and depends on seed and option
   CHECK(all_equal(d.row(d.layout().beta), 0.0f));
 }
 
-TEST_CASE("initialise: from points", "[initialise]") {
+TEST_CASE("initialise: points determine positions, colours and scales", "[initialise]") {
   const std::vector<std::array<float, 3>> positions{{0, 0, 0}, {1, 0, 0}, {0, 2, 0}, {0, 0, 3}};
   const std::vector<std::array<std::uint8_t, 3>> colours{{0, 51, 255}, {1, 2, 3}, {4, 5, 6}, {7, 8, 9}};
   const SplatModel model = initialise_from_points(7, positions, colours, 0);
@@ -172,7 +174,7 @@ TEST_CASE("initialise: from points", "[initialise]") {
   CHECK(softplus(model.row(model.layout().scale)[0]) == Approx(std::sqrt((1 + 4 + 9) / 3.0)));
 }
 
-TEST_CASE("initialise: errors", "[initialise]") {
+TEST_CASE("initialise: invalid points and options are rejected", "[initialise]") {
   const std::vector<std::array<float, 3>> bad{{0, std::numeric_limits<float>::quiet_NaN(), 0}};
   const std::vector<std::array<std::uint8_t, 3>> grey{{127, 127, 127}};
   CHECK_THAT(message_of([&] { initialise_from_points(6, bad, grey, 0); }),

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Tests GLB and SOG files that `ubs convert` writes. They are read here according to their published layouts only. Also
-tests that ubs reads SOG files that are written here. Usage: interchange_test.py UBS. Exits with 77 if numpy or Pillow
-is not installed."""
+"""Tests GLB and SOG files that `ubs convert` writes. This program reads them with its own code, which follows only the
+published layouts. It also writes SOG files, and tests that ubs reads them. Usage: interchange_test.py UBS, where UBS is
+the path of the executable. Exits with 77 if numpy or Pillow is not installed."""
 
 import json
 import shutil
@@ -94,11 +94,11 @@ def check_glb(path, table):
     assert np.abs(opacity - 1 / (1 + np.exp(-table[:, 51]))).max() < 1e-6
     names = [f"KHR_gaussian_splatting:SH_DEGREE_{d}_COEF_{k}" for d in range(4) for k in range(2 * d + 1)]
     sh = np.stack([get(n, 3) for n in names], 1)
-    # From the same position in the scene, expressed in the axes of each file, the colours are the same.
+    # The axes of the two files differ. Seen from the same position in the scene, the colours must be the same.
     seen = table[:, :3] - [1, 2, 3]
     seen /= np.linalg.norm(seen, axis=1, keepdims=True)
     assert np.abs(colour(sh, seen @ turn) - colour(sh_of(table), seen)).max() < 1e-5
-    if shutil.which("assimp"):  # other readers show points if they do not support splats
+    if shutil.which("assimp"):  # readers that do not support splats must find the same number of points
         said = subprocess.run(["assimp", "info", str(path)], capture_output=True, text=True).stdout
         assert f"Vertices:           {COUNT}" in said, said
 

@@ -23,7 +23,7 @@ std::string repeated(const std::string& text, std::size_t times) {
 
 }  // namespace
 
-TEST_CASE("json: every kind of value, in the order of the text", "[json]") {
+TEST_CASE("json: every kind of value is read, and members keep the order of the text", "[json]") {
   const std::string text =
       R"({"b":[1,-2,2.5,true,false,null,"é\n"],"a":{},"c":[],"d":{"z":1,"y":[{"x":0}]}})";
   const Json json = parse_json(text, "a.json");
@@ -67,7 +67,7 @@ TEST_CASE("json: up to 100 levels of nesting are read, and more are rejected", "
   CHECK_THAT(message_of([&] { nested("{\"a\":", "}", 101); }), Contains("nested deeper than 100"));
 }
 
-// Each of these texts took hours when the time was quadratic in the length of the text.
+// With earlier versions, whose time was quadratic in the length of the text, reading these texts took hours.
 TEST_CASE("json: arrays and objects with a million values are read", "[json]") {
   constexpr std::size_t kMany = 1'000'000;
   CHECK(parse_json("{\"x\":[" + repeated("{},", kMany) + "{}]}", "a.json")["x"].size() == kMany + 1);
@@ -79,7 +79,8 @@ TEST_CASE("json: arrays and objects with a million values are read", "[json]") {
   CHECK(json_text(object) == members + "\"end\":-1}");
 }
 
-// The time of the library's own parser is quadratic in the number of members, and it has no limits.
+// Json::parse() of the JSON library needs a time that is quadratic in the number of members, and does not
+// limit depth, size and memory.
 TEST_CASE("json: no source file uses the library's own parser, which has no limits", "[json]") {
   std::size_t files = 0;
   for (const char* top : {"host", "tools", "cuda_backend"})

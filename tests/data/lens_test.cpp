@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Compares camera models with pycolmap, OpenCV and their own inverse, and undistorted images with ideal ones.
+// Compares camera models with pycolmap, with OpenCV and with their own inverse. Also compares undistorted
+// images with images of an ideal camera.
 #include <algorithm>
 #include <cstdlib>
 #include <opencv2/calib3d.hpp>
@@ -60,8 +61,8 @@ double angle_between(const Ray& a, const Ray& b) {
 }  // namespace
 
 // lens_values.txt was created with pycolmap by lens_values.py, which also runs this test with 1000 points of
-// each model. The test also covers COLMAP's numbers and orders of parameters, because colmap_model() returns
-// the row for the name in the table.
+// each model. The test also covers the order of COLMAP's parameters, because make_colmap_camera() gets the
+// parameters in that order.
 TEST_CASE("lens: every camera model agrees with pycolmap", "[lens]") {
   const char* own = std::getenv("UBS_LENS_VALUES");
   std::ifstream in(own ? own : UBS_SOURCE_DIR "/tests/data/lens_values.txt");
@@ -122,8 +123,8 @@ TEST_CASE("lens: fisheye models include rays behind the camera", "[lens]") {
   const auto back = pixel_ray(lens, 100, 90 - 20 * angle);
   REQUIRE(back);
   CHECK(angle_between(*back, {0, -std::sin(angle), std::cos(angle)}) < 1e-9);
-  CHECK_FALSE(pixel_ray(lens, 100 + 30 * 3.2, 90));  // 180 degrees cover all directions
-  CHECK_FALSE(project_ray(lens, {0, 0, -1}));        // the whole rim of the image
+  CHECK_FALSE(pixel_ray(lens, 100 + 30 * 3.2, 90));  // more than 180 degrees from the optical axis
+  CHECK_FALSE(project_ray(lens, {0, 0, -1}));        // would be visible on the whole rim of the image
   CHECK_FALSE(project_ray(full_opencv(), {0.1, 0, -1}));
 }
 
@@ -151,7 +152,7 @@ TEST_CASE("lens: distortion agrees with OpenCV", "[lens]") {
 }
 
 TEST_CASE("lens: solutions beyond the maximum of the polynomial are rejected", "[lens]") {
-  // r (1 - 0.9 r^2) has its maximum at 0.61: 0.406
+  // The maximum of r (1 - 0.9 r^2) is 0.406, at r = 0.61.
   const Lens lens = lens_of("SIMPLE_RADIAL", {100, 0, 0, -0.9});
   CHECK(pixel_ray(lens, 35, 0));
   CHECK_FALSE(pixel_ray(lens, 50, 0));
@@ -229,8 +230,8 @@ TEST_CASE("lens: a wide image becomes the faces of a cube", "[lens]") {
       std::size_t covered = 0;
       for (int j = 0; j < face.height; ++j)
         for (int i = 0; i < face.width; ++i) {
-          const Ray ray = camera.ray(
-              i + 0.5, j + 0.5);  // in world coordinates, which are those of the camera of the image
+          const Ray ray =
+              camera.ray(i + 0.5, j + 0.5);  // in world coordinates, which are also those of the wide camera
           const auto p = project_ray(lens, ray);
           if (!covers(plan, i + 0.5, j + 0.5)) {
             some_masked = true;
@@ -261,7 +262,7 @@ TEST_CASE("lens: a wide image becomes the faces of a cube", "[lens]") {
   CHECK(degrees_covered(full_opencv()) < 110);
 }
 
-TEST_CASE("lens: without distortion there is no plan", "[lens]") {
+TEST_CASE("lens: distorted() returns false for lenses that equal a pinhole camera", "[lens]") {
   CHECK_FALSE(lens_of("RADIAL", {210, 161, 118, 0, 0}).distorted());
   CHECK_FALSE(lens_of("DIVISION", {210, 205, 161, 118, 0}).distorted());
   CHECK_FALSE(lens_of("EUCM", {210, 205, 161, 118, 0, 1}).distorted());

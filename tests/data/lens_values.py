@@ -3,7 +3,7 @@
 """Creates tables of camera models with pycolmap. They contain rays and the pixels to which COLMAP projects them.
 
 lens_values.py --points 15 --out tests/data/lens_values.txt    the table that tests/data/lens_test.cpp reads
-lens_values.py --points 1000 --test build/tests/test_data      compares the program with that many points of each model
+lens_values.py --points 1000 --test build/tests/test_data      compares ubs with pycolmap at 1000 points of each model
 
 If pycolmap is not installed, prints a message and exits with 77 (skipped). All 18 models need pycolmap 4.1 or newer.
 """
@@ -13,7 +13,8 @@ import subprocess
 import sys
 import tempfile
 
-# Model, largest angle to the optical axis in degrees, parameters. Below these angles each polynomial is invertible.
+# Each row contains the name of a model, the largest angle between a ray and the optical axis in degrees, and the
+# parameters. Below these angles, each polynomial is invertible.
 LENSES = [
     ("SIMPLE_PINHOLE", 60, [210, 161, 118]),
     ("PINHOLE", 60, [210, 205, 161, 118]),
@@ -71,9 +72,9 @@ def write_table(pycolmap, numpy, points, out):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--points", type=int, default=1000)
-    parser.add_argument("--out")
-    parser.add_argument("--test", help="test_data, which is run on the table")
+    parser.add_argument("--points", type=int, default=1000, help="number of points of each model [1000]")
+    parser.add_argument("--out", help="file that the table is written to")
+    parser.add_argument("--test", help="path of the program test_data, which is compared with a new table")
     options = parser.parse_args()
     try:
         import numpy

@@ -42,7 +42,7 @@ TEST_CASE("model notes: notes are written and read back, and other comments are 
   REQUIRE(loaded.notes.cameras.size() == kNotedCameras);
   for (std::size_t i = 0; i < kNotedCameras; ++i) {
     const Camera &in = cameras[i * 30 / kNotedCameras], &out = loaded.notes.cameras[i];
-    // Numbers have seven digits.
+    // The comments store numbers with seven digits.
     for (std::size_t k = 0; k < 9; ++k) CHECK(out.rotation[k] == Approx(in.rotation[k]).margin(1e-6));
     for (std::size_t k = 0; k < 3; ++k) CHECK(out.centre()[k] == Approx(in.centre()[k]).margin(4e-6));
     CHECK(out.fx == Approx(in.fx).epsilon(1e-6));
@@ -69,7 +69,7 @@ TEST_CASE("model notes: invalid notes are rejected", "[ply]") {
   CHECK(notes_of(comments_of({.up = Vec3{0, -1, 0}}), "m.ply").up == Vec3{0, -1, 0});
   CHECK_THAT(refused({"ubs_up 0 0 0"}), Catch::Contains("no direction"));
   CHECK_THAT(refused({"ubs_drawn background"}), Catch::Contains("key=value"));
-  // A note of a later version.
+  // A note of a later version may contain unknown keys, which are ignored.
   CHECK(notes_of(std::vector<std::string>{"ubs_drawn exposure=2 eps2d=0.1"}, "m.ply").drawing.size() == 1);
 }
 

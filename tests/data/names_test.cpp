@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tests names that differ between the data and the disk (host/data/named_files.hpp) in every layout, and the
-// notes of all readers of data folders about files that they do not use.
+// Tests that files are found if their names on the disk differ from those in the data
+// (host/data/named_files.hpp), in every layout. Also tests the notes of all readers of data folders about
+// files that they do not use.
 #include <filesystem>
 
 #include "host/data/load_dataset.hpp"
@@ -42,7 +43,7 @@ void put_model(const fs::path& folder, const std::vector<std::string>& names) {
   put(folder / "images.txt", text);
 }
 
-// Points with a column and an element that no reader uses.
+// Writes a PLY file of points with a column and an element that no reader uses.
 void put_points(const fs::path& file) {
   put(file,
       "ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nproperty float y\nproperty float z\n"
@@ -51,8 +52,7 @@ void put_points(const fs::path& file) {
       "1 2 3 0 255 0 0 7\n4 5 6 0 0 255 0 8\n3 0 1 1\n");
 }
 
-// Opens the folder in each of the layouts that contain file names. `stated` are the names in the data, and
-// `files` those on the disk.
+// The result of opening a data folder. `notes` also contains the skipped images, and has one note per line.
 struct Opened {
   std::size_t views = 0;
   std::string notes, error;
@@ -70,6 +70,8 @@ Opened opened(const fs::path& path, const DatasetOptions& options = {.read = {.t
   return result;
 }
 
+// Creates and opens a data folder in each of the layouts that contain file names. `stated` are the names in
+// the data, and `disk` are the names on the disk.
 std::vector<Opened> in_all_layouts(const std::vector<std::string>& stated,
                                    const std::vector<std::string>& disk) {
   std::vector<Opened> results;
@@ -106,7 +108,7 @@ TEST_CASE("names: capitals, accents and separators are ignored in comparisons", 
 TEST_CASE("names: files are found by the common part of the names, and counted in a note", "[names]") {
   struct Row {
     std::vector<std::string> stated, disk;
-    std::size_t layouts = 3;  // the first files
+    std::size_t layouts = 3;
   };
   const std::vector<Row> rows{
       {{"images/a1.jpg", "images/a2.jpg"}, {"images/A1.JPG.png", "images/A1.png", "images/A2.PNG"}},
@@ -187,7 +189,7 @@ TEST_CASE("names: masks, points and lists of files are found in the same way as 
                              Contains("1 skipped: listed in 'train_filenames'"));
 }
 
-TEST_CASE("names: masks of COLMAP folders", "[names]") {
+TEST_CASE("names: masks of COLMAP folders are found under several names", "[names]") {
   for (const std::string mask :
        {"masks/a.jpg", "Mask/A.png", "masks/a_mask.png", "masks/a.png.jpg", "masks/s/a.png"}) {
     const TempFolder folder;
@@ -229,9 +231,9 @@ TEST_CASE("names: hidden files of macOS are not used as images", "[names]") {
   }
 }
 
-// Tests every reader of data folders with an input that contains something unused. A packed file cannot
-// contain anything else.
-TEST_CASE("silence: every reader reports what it does not use", "[names]") {
+// Tests every reader of data folders with inputs that contain unused parts. The reader of packed files is not
+// tested, because a packed file cannot contain unused parts.
+TEST_CASE("notes: every reader reports the parts of the data that it does not use", "[names]") {
   struct Row {
     std::string what, words;
     void (*put_in)(const fs::path& folder);
@@ -252,12 +254,12 @@ TEST_CASE("silence: every reader reports what it does not use", "[names]") {
          put_image(f / "images/a.png", 16, 12), put_image(f / "images/b.png", 16, 12);
          put_model(f / "sparse/0", {"a.png"});
        }},
-      {"a missing image (nerfstudio)", "1 skipped: no such image (images/b.png)",
+      {"a missing image (nerfstudio)", "1 skipped: the image does not exist (images/b.png)",
        [](const fs::path& f) {
          put_image(f / "images/a.png", 16, 12);
          put_json(f / "transforms.json", {"images/a.png", "images/b.png"});
        }},
-      {"a missing image (blender)", "1 skipped: no such image (test/b)",
+      {"a missing image (blender)", "1 skipped: the image does not exist (test/b)",
        [](const fs::path& f) {
          put_image(f / "train/a.png", 16, 12), put_image(f / "test/a.png", 16, 12);
          put_json(f / "transforms_train.json", {"train/a"});

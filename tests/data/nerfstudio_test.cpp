@@ -40,7 +40,7 @@ const std::string kHead = R"("w": 64, "h": 48, "fl_x": 50, "fl_y": 51, "cx": 31,
 
 }  // namespace
 
-TEST_CASE("nerfstudio: intrinsics, split, points, masks", "[nerfstudio]") {
+TEST_CASE("nerfstudio: intrinsics, splits, points and masks are read", "[nerfstudio]") {
   TempFolder folder;
   put_frames(folder);
   put(folder / "p.ply",
@@ -61,17 +61,17 @@ TEST_CASE("nerfstudio: intrinsics, split, points, masks", "[nerfstudio]") {
   const Camera& c = data.find("train")->views[0].camera;
   CHECK(std::array{c.fx, c.fy, c.cx, c.cy} == std::array{50.0, 51.0, 31.0, 25.0});
   CHECK(c.centre()[0] == Approx(1));
-  CHECK(c.rotation[8] == -1);  // OpenGL looks along -z
+  CHECK(c.rotation[8] == -1);  // cameras of OpenGL look along -z
   CHECK(data.points->positions[1] == std::array<float, 3>{-1, 0.5f, 2});
   CHECK(data.points->colours[0] == std::array<std::uint8_t, 3>{4, 5, 6});
   CHECK(data.find("train")->views[0].image.mask == std::vector<std::uint8_t>(64 * 48, 0));
   put(folder / "p.ply",
       "ply\nformat ascii 1.0\nelement vertex 0\nproperty float x\nproperty float y\nproperty float z\n"
       "end_header\n");
-  CHECK_FALSE(load_dataset(folder.path(), options).points);  // COLMAP also writes such a file
+  CHECK_FALSE(load_dataset(folder.path(), options).points);  // COLMAP may write a file without points
 }
 
-TEST_CASE("nerfstudio: distortion, lists of names, errors", "[nerfstudio]") {
+TEST_CASE("nerfstudio: distortion and lists of names are read, and errors name the field", "[nerfstudio]") {
   TempFolder folder;
   put_frames(folder);
   const auto load = [&](const std::string& json) {
@@ -125,9 +125,9 @@ TEST_CASE("nerfstudio: distortion, lists of names, errors", "[nerfstudio]") {
   CHECK_THAT(refusal("{"), Contains("transforms.json"));
 }
 
-// Every name of the table, in upper and lower case, with its parameters: the view must be equal to that of a
-// COLMAP model with the same parameters.
-TEST_CASE("nerfstudio: all camera models of COLMAP", "[nerfstudio]") {
+// Writes the name of each camera model in lower case, together with its parameters. The camera of the view
+// must be equal to that of a COLMAP model with the same parameters.
+TEST_CASE("nerfstudio: all camera models of COLMAP are read", "[nerfstudio]") {
   for (const LensModel& model : lens_models()) {
     const TempFolder folder;
     put_frames(folder);
@@ -233,7 +233,7 @@ TEST_CASE("dataset: the error for NaN in a transforms file contains frame and fi
   CHECK_THAT(message_of([&] { load_dataset(folder.path()); }), Contains("'h' has the value -Infinity"));
 }
 
-TEST_CASE("dataset: errors contain unsupported image formats", "[dataset]") {
+TEST_CASE("dataset: errors name unsupported image formats", "[dataset]") {
   const TempFolder folder;
   const auto refusal = [&](const std::string& name, const std::string& bytes) {
     put(folder / "images" / name, bytes);
@@ -261,7 +261,7 @@ TEST_CASE("dataset: errors contain unsupported image formats", "[dataset]") {
   }
 }
 
-TEST_CASE("llff: masks next to the images", "[llff]") {
+TEST_CASE("llff: masks in a folder next to the images are used", "[llff]") {
   const TempFolder folder;
   put_rows(folder.path(), 2);
   for (const char* name : {"images/0.png", "images/1.png", "masks/1.png"}) put_image(folder / name, 128, 96);
@@ -289,11 +289,11 @@ TEST_CASE("dataset: settings that a layout does not use are rejected", "[dataset
              Contains("nerfstudio does not use --images"));
   CHECK_THAT(refusal("transforms.json", {.read = {.frames = {.end = 3}}}), Contains("not use --frames"));
   CHECK_THAT(refusal("transforms_train.json", {.read = {.test_every = 4}}), Contains("not use --test-every"));
-  // Earlier versions recorded 8 for all layouts.
+  // Earlier versions recorded test_every = 8 for all layouts, so this value must be accepted.
   CHECK_NOTHROW(refuse_unused({.read = {.test_every = 8}}, "blender", ""));
 }
 
-TEST_CASE("dataset: coordinates far from the origin become local", "[dataset]") {
+TEST_CASE("dataset: coordinates far from the origin are stored relative to an offset", "[dataset]") {
   TempFolder folder;
   put_frames(folder, 9);
   const double far = 4.0e6;
@@ -333,9 +333,9 @@ std::string frames_around(const std::array<double, 3>& centre, double spread, bo
 
 }  // namespace
 
-// Also tests cameras whose mean position consists of whole numbers. When this mean is subtracted from their
-// positions, only rounding errors remain.
-TEST_CASE("dataset: cameras with the same position are recognised for every position", "[dataset]") {
+// Some rows have a mean position that consists of whole numbers. After this mean is subtracted from the
+// positions, only rounding errors remain, which must not count as different positions.
+TEST_CASE("dataset: at_one_place() works near the origin and far from it", "[dataset]") {
   TempFolder folder;
   put_frames(folder, 24);
   struct Row {
@@ -417,7 +417,7 @@ TEST_CASE("dataset: images that do not fit into the cache are decoded on demand,
   CHECK(some.splits[0].views[0].load_image().rgb == all.splits[0].views[0].image.rgb);
 }
 
-TEST_CASE("llff: poses, sizes, bounds", "[llff]") {
+TEST_CASE("llff: poses, image sizes and depth bounds are read", "[llff]") {
   TempFolder folder;
   std::vector<double> rows;
   for (int i = 0; i < 9; ++i) {
@@ -430,11 +430,11 @@ TEST_CASE("llff: poses, sizes, bounds", "[llff]") {
   CHECK(data.find("test")->views.size() == 2);
   const Camera& c = data.find("train")->views[1].camera;  // f2
   CHECK(c.width == 64);
-  CHECK(c.fx == 50);  // 100 at double size
+  CHECK(c.fx == 50);  // the file states 100 for images of twice the size
   CHECK(c.cx == 32);
   CHECK(c.centre()[0] == Approx(2));
-  CHECK(c.rotation[4] == -1);  // y down
-  CHECK(c.rotation[8] == -1);  // forward = -back
+  CHECK(c.rotation[4] == -1);  // the y axis of the camera points down
+  CHECK(c.rotation[8] == -1);  // the z axis of the camera points forward
   REQUIRE(data.depth_bounds.size() == 7);
 
   const PointCloud cloud = sample_frusta(data.find("train")->views, data.depth_bounds, 500, 1);
@@ -500,7 +500,7 @@ TEST_CASE("n3v: frames of videos become views with times, and the first camera i
   CHECK(view.name == "cam02_0003");
   CHECK(view.camera.time == 0.5);
   CHECK(view.camera.fx == 50);
-  for (const int i : {5, 3, 4, 3}) {  // also backwards
+  for (const int i : {5, 3, 4, 3}) {  // frames may also be read backwards
     const View& v = data.find("train")->views[static_cast<std::size_t>(i)];
     const Image8 image = v.load_image();
     CHECK(std::abs(int{image.rgb[0]} - 160) < 6);
@@ -534,7 +534,7 @@ TEST_CASE("n3v: a playlist with the name of a video opens no other file", "[llff
   }
 }
 
-TEST_CASE("n3v: folders of frames", "[llff]") {
+TEST_CASE("n3v: folders of frames are read", "[llff]") {
   TempFolder folder;
   std::vector<double> rows;
   for (int camera = 0; camera < 2; ++camera) {
@@ -574,7 +574,7 @@ TEST_CASE("image: EXR contains linear light and is converted to sRGB", "[image]"
   CHECK(std::vector<int>(image.rgb.begin(), image.rgb.begin() + 3) == std::vector<int>{255, 188, 0});
 }
 
-TEST_CASE("llff: fern without its sparse model", "[llff][data]") {
+TEST_CASE("llff: the poses of the scene fern are equal to those of its COLMAP model", "[llff][data]") {
   UBS_REQUIRE_DATA(folder, "llff_fern_504");
   DatasetOptions options;
   options.read.layout = "llff";

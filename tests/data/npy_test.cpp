@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tests .npy files: the bytes that NumPy writes, the round trip, and errors.
+// Tests that .npy files have the same bytes as those of NumPy, that they are read back without change, and
+// that invalid files give errors.
 #include "host/data/npy.hpp"
 
 #include <array>
@@ -22,7 +23,7 @@ std::string npy_text(const std::string& dict, const std::string& data) {
 
 }  // namespace
 
-TEST_CASE("npy: exact bytes and round trip", "[npy]") {
+TEST_CASE("npy: a written file has the expected bytes and is read back", "[npy]") {
   TempFolder folder;
   const std::array<float, 6> values{1, -2.5f, 3e-30f, 0, 5, 6};
   const std::string raw(reinterpret_cast<const char*>(values.data()), 24);
@@ -40,8 +41,8 @@ TEST_CASE("npy: exact bytes and round trip", "[npy]") {
   CHECK(read_npy(folder / "b.npy").shape == std::vector<std::size_t>{6});
 }
 
-// NumPy writes float64 by default.
-TEST_CASE("npy: float64 is accepted wherever float32 is", "[npy]") {
+// By default, NumPy writes arrays of float64.
+TEST_CASE("npy: files with float64 are accepted like files with float32", "[npy]") {
   TempFolder folder;
   const std::array<double, 3> wide{0.1, -2.5, 1e-300};
   put(folder / "d.npy", npy_text("{'descr': '<f8', 'fortran_order': False, 'shape': (3,), }",
@@ -50,7 +51,7 @@ TEST_CASE("npy: float64 is accepted wherever float32 is", "[npy]") {
   CHECK(read_npy_double(folder / "d.npy").values == std::vector<double>(wide.begin(), wide.end()));
 }
 
-TEST_CASE("npy: scalar and empty arrays", "[npy]") {
+TEST_CASE("npy: scalar and empty arrays are written and read", "[npy]") {
   TempFolder folder;
   const std::array<float, 1> one{7};
   write_npy(folder / "s.npy", {}, one);

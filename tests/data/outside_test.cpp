@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tests that opening a data set reads nothing outside of its folder, however its files refer to it, unless
-// the user allows this (host/data/data_root.hpp).
+// Tests that opening a data set reads no file outside of its folder, whatever paths and links the data
+// contain, unless the user allows this (host/data/data_root.hpp).
 #include <filesystem>
 
 #include "host/data/data_root.hpp"
@@ -30,8 +30,8 @@ struct Scene {
   }
   fs::path data() const { return folder / "data"; }
 
-  // Checks that the data are rejected without the option, with a message that contains it, and opened with
-  // the option.
+  // Checks that the data are rejected without --allow-outside, with a message that contains this option and
+  // the text `what`. Also checks that the data are opened with the option.
   void check_outside(const fs::path& opened, const std::string& what) const {
     CHECK_THAT(message_of([&] { load_dataset(opened); }),
                Contains(what) && Contains("outside of the data folder") && Contains("--allow-outside"));
@@ -59,7 +59,7 @@ void put_colmap(const fs::path& folder, const std::string& image) {
 
 }  // namespace
 
-TEST_CASE("outside: paths of images, masks and points in JSON files", "[outside]") {
+TEST_CASE("outside: paths in JSON files that lead out of the folder are rejected", "[outside]") {
   const Scene scene;
   const fs::path absolute = scene.folder / "secret/x.png";
   put_image(scene.data() / "in.png", 16, 12);
@@ -74,7 +74,7 @@ TEST_CASE("outside: paths of images, masks and points in JSON files", "[outside]
   scene.check_outside(scene.data(), "frame 0");
   put_nerfstudio(scene.data(), "in.png", "", R"("ply_file_path": "../secret/p.ply",)");
   scene.check_outside(scene.data(), "p.ply");
-  put_nerfstudio(scene.data(), "../data/in.png");  // back inside
+  put_nerfstudio(scene.data(), "../data/in.png");  // leads back into the folder
   CHECK_NOTHROW(load_dataset(scene.data()));
   fs::remove(scene.data() / "transforms.json");
   put_blender(scene.data(), "../secret/x");
@@ -83,7 +83,7 @@ TEST_CASE("outside: paths of images, masks and points in JSON files", "[outside]
   CHECK_NOTHROW(load_dataset(scene.data()));
 }
 
-TEST_CASE("outside: symbolic links of files and folders", "[outside]") {
+TEST_CASE("outside: symbolic links that lead out of the folder are rejected", "[outside]") {
   const Scene scene;
   fs::create_symlink(scene.folder / "secret", scene.data() / "linked");
   put_nerfstudio(scene.data(), "linked/x.png");
@@ -102,14 +102,14 @@ TEST_CASE("outside: symbolic links of files and folders", "[outside]") {
   fs::rename(scene.data() / "transforms.json", scene.folder / "secret/t.json");
   fs::create_symlink(scene.folder / "secret/t.json", scene.data() / "transforms.json");
   CHECK_THAT(message_of([&] { load_dataset(scene.data()); }), Contains("--allow-outside"));
-  CHECK_NOTHROW(load_dataset(scene.data() / "transforms.json"));  // passed by the user
+  CHECK_NOTHROW(load_dataset(scene.data() / "transforms.json"));  // the user passed this path
   fs::remove(scene.data() / "transforms.json");
   fs::create_symlink("loop", scene.data() / "loop");
   put_nerfstudio(scene.data(), "loop/a.png");
   CHECK_THAT(message_of([&] { load_dataset(scene.data()); }), Contains("Too many levels of symbolic links"));
 }
 
-TEST_CASE("outside: Blender's splits and points", "[outside]") {
+TEST_CASE("outside: splits and points of the Blender layout must be in the folder", "[outside]") {
   const Scene scene;
   put_image(scene.data() / "in.png", 16, 12);
   put_blender(scene.data(), "in");
@@ -121,7 +121,7 @@ TEST_CASE("outside: Blender's splits and points", "[outside]") {
   scene.check_outside(scene.data(), "transforms_train.json");
 }
 
-TEST_CASE("outside: names of images, masks and files of COLMAP", "[outside]") {
+TEST_CASE("outside: images, masks and model files of COLMAP must be in the folder", "[outside]") {
   const Scene scene;
   for (const std::string& name :
        {std::string("../../secret/x.png"), (scene.folder / "secret/x.png").string()}) {
@@ -145,7 +145,7 @@ TEST_CASE("outside: names of images, masks and files of COLMAP", "[outside]") {
   CHECK_NOTHROW(load_dataset(scene.folder / "named", {.read = {.images = "../elsewhere"}}));
 }
 
-TEST_CASE("outside: frames and poses of LLFF and N3V", "[outside]") {
+TEST_CASE("outside: images, frames and poses of LLFF and N3V must be in the folder", "[outside]") {
   const Scene scene;
   const std::vector<float> row{0, 1, 0, 0, 12, -1, 0, 0, 0, 16, 0, 0, 1, 0, 20, 2, 9};
   std::vector<float> rows = row;
@@ -163,7 +163,7 @@ TEST_CASE("outside: frames and poses of LLFF and N3V", "[outside]") {
   scene.check_outside(scene.data(), "poses_bounds.npy");
 }
 
-TEST_CASE("outside: a folder whose name only starts in the same way is outside", "[outside]") {
+TEST_CASE("outside: a folder whose name starts with the name of the data folder is outside", "[outside]") {
   const TempFolder folder;
   put(folder / "data2/x", "x");
   put(folder / "data/y", "y");
@@ -171,6 +171,6 @@ TEST_CASE("outside: a folder whose name only starts in the same way is outside",
   CHECK_NOTHROW(root.check(folder / "data/y"));
   CHECK_NOTHROW(root.check(folder / "data/../data/y"));
   CHECK_THAT(message_of([&] { root.check(folder / "data/../data2/x"); }), Contains("outside"));
-  CHECK_NOTHROW(root.check(folder / "data2/none"));  // nothing to read
+  CHECK_NOTHROW(root.check(folder / "data2/none"));  // this file does not exist, so it cannot be read
   CHECK_NOTHROW(DataRoot(folder / "data", true).check(folder / "data2/x"));
 }

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tests packed data sets: reading restores what was packed, and any damage gives a data error and nothing
-// else.
+// Tests packed data sets. Reading a file must restore the data that were packed, and any damage to a file
+// must give an error of the kind data.
 #include "host/data/packed.hpp"
 
 #include <catch2/catch.hpp>
@@ -203,14 +203,15 @@ TEST_CASE("a packed data set is opened like any other, and keeps its offset", "[
   CHECK(load_dataset(folder / "opaque.ubsd").find("train")->views.at(1).opaque);
 }
 
-// Training treats the views of wide images differently (the opacity penalty), so packing must not hide them.
+// By default, training uses no opacity penalty for views of wide images. So a packed file must record which
+// views these are.
 TEST_CASE("a packed file records which views are parts of wide images", "[packed]") {
   const TempFolder folder;
   PackedData data = make_data();
   for (Split& split : data.splits)
     for (View& view : split.views) view.camera.translation = {-1, 2.5, 3};
   write_packed(folder / "ordinary.ubsd", data);
-  CHECK(get(folder / "ordinary.ubsd").find("part_of") == std::string::npos);  // as earlier versions wrote it
+  CHECK(get(folder / "ordinary.ubsd").find("part_of") == std::string::npos);  // as in earlier versions
   data.splits[0].views[1].part_of = "ring/pano \xff";
   data.splits[0].views[1].turn_in_wide = {0, 0, 1, 0, 1, 0, -1, 0, 0};
   write_packed(folder / "wide.ubsd", data);

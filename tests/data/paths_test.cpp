@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tests paths and names from untrusted sources: queries of the file system that never throw std::filesystem
-// exceptions (host/base/paths.hpp), bytes as text (host/base/text.hpp), and names of views as file names
-// (host/data/view_names.hpp).
+// Tests functions for paths and names from untrusted sources: queries of the file system that never throw
+// exceptions of std::filesystem (host/base/paths.hpp), the encoding of arbitrary bytes as text
+// (host/base/text.hpp), and the conversion of names of views to file names (host/data/view_names.hpp).
 #include "host/base/paths.hpp"
 
 #include <random>
@@ -55,7 +55,7 @@ TEST_CASE("paths: a loop of symbolic links is a data error, not an internal erro
   CHECK_THAT(message_of([&] { make_folders(folder / "a" / "x"); }), Contains("Too many levels"));
 }
 
-TEST_CASE("paths: files, folders, links", "[paths]") {
+TEST_CASE("paths: files, folders and links are recognised, and links are followed", "[paths]") {
   TempFolder folder;
   put(folder / "file", "abc");
   fs::create_symlink("file", folder / "link");
@@ -112,7 +112,7 @@ TEST_CASE("text: any bytes are preserved, and the result is UTF-8 on one line", 
   CHECK(encode_text("a\nb\x7f") == "a\\x0ab\\x7f");
   CHECK(encode_text("a\\b\\xe9\\xZZ\\xE9") == "a\\b\\x5cxe9\\xZZ\\xE9");
   CHECK(encode_text("\xed\xa0\x80") == "\\xed\\xa0\\x80");  // a surrogate
-  CHECK(encode_text("\xc0\xbc") == "\\xc0\\xbc");           // an overlong <
+  CHECK(encode_text("\xc0\xbc") == "\\xc0\\xbc");           // an overlong encoding of <
   CHECK(encode_text(std::string(1, '\0')) == "\\x00");
   CHECK(decode_text("caf\\xe9 \\xE9 \\x") == "caf\xe9 \\xE9 \\x");
   std::mt19937 random(1);
@@ -159,9 +159,9 @@ TEST_CASE("view names: no name leads out of its folder or has a special meaning"
 
 TEST_CASE("view names: each view has its own file", "[paths]") {
   CHECK(settled({"r", "r", "r_2", "r"}) == Names{"r", "r_3", "r_2", "r_4"});
-  CHECK(settled({"a", "A", "a"}) == Names{"a", "A_2", "a_3"});    // file systems that ignore case
+  CHECK(settled({"a", "A", "a"}) == Names{"a", "A_2", "a_3"});    // some file systems ignore case
   CHECK(settled({"a/b", "a%2Fb"}) == Names{"a%2Fb", "a%2Fb_2"});  // equal after replacing unsafe characters
-  CHECK(settled({"x", "x_alpha"}) == Names{"x", "x_alpha_2"});    // render --channels rgb,alpha
+  CHECK(settled({"x", "x_alpha"}) == Names{"x", "x_alpha_2"});    // as with render --channels rgb,alpha
   CHECK(settled({"x_DEPTH", "x"}) == Names{"x_DEPTH", "x_2"});
   const Names once = settled({"..", "..", "con", "x", "X", "x_2", ""});
   CHECK(settled(once) == once);

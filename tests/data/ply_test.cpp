@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tests splat files: the exact bytes of method.md 5.1, tolerance in reading, and every error. Point clouds
-// use the same header reader and are also tested here.
+// Tests PLY files of splats: the exact bytes (docs/method.md, section 5.1), properties in other orders and
+// types, and every error. Point clouds use the same code for headers, and are also tested here.
 #include "host/data/ply.hpp"
 
 #include <cmath>
@@ -36,7 +36,7 @@ constexpr const char* kHeader6 =
     "property float l_triangle_9\nproperty float l_triangle_10\nproperty float l_triangle_11\n"
     "property float l_triangle_12\nproperty float l_triangle_13\nproperty float l_triangle_14\nend_header\n";
 
-// A valid file with two 6D splats, which the error tests below modify.
+// Returns a valid file with two splats of N = 6. The tests of errors below modify it.
 std::string valid_text(const TempFolder& folder) {
   write_splat_ply(folder / "valid.ply", numbered_model(6, 2));
   return get(folder / "valid.ply");
@@ -44,7 +44,7 @@ std::string valid_text(const TempFolder& folder) {
 
 }  // namespace
 
-TEST_CASE("layout: counts of the method reference", "[ply]") {
+TEST_CASE("layout: the numbers of parameters agree with docs/method.md", "[ply]") {
   CHECK(ParameterLayout(3).count == 14);
   CHECK(ParameterLayout(6).count == 35);
   CHECK(ParameterLayout(7).count == 44);
@@ -65,7 +65,7 @@ TEST_CASE("layout: counts of the method reference", "[ply]") {
   CHECK_THAT(message_of([] { SplatModel(12, 1); }, ErrorKind::usage), Contains("N = 12"));
 }
 
-TEST_CASE("ply: header text and vertex-major data, byte for byte", "[ply]") {
+TEST_CASE("ply: a written file has the expected header and vertex-major data", "[ply]") {
   TempFolder folder;
   const SplatModel model = numbered_model(6, 2);
   write_splat_ply(folder / "a.ply", model);
@@ -80,7 +80,7 @@ TEST_CASE("ply: header text and vertex-major data, byte for byte", "[ply]") {
     }
 }
 
-TEST_CASE("ply: sizes and round trip for every N", "[ply]") {
+TEST_CASE("ply: for every N, a file has the expected size and is read back unchanged", "[ply]") {
   TempFolder folder;
   const std::size_t count = GENERATE(std::size_t{0}, std::size_t{1}, std::size_t{4097});
   for (int dim = kMinDim; dim <= kMaxDim; ++dim) {
@@ -166,7 +166,7 @@ TEST_CASE("ply: errors contain file, position and reason", "[ply]") {
   };
   CHECK(refusal(valid).empty());
   CHECK_THAT(message_of([&] { read_splat_ply(folder / "none.ply"); }), Contains("none.ply: no such file"));
-  CHECK_THAT(refusal(""), Contains("x.ply: PLY header has no end_header"));
+  CHECK_THAT(refusal(""), Contains("x.ply: the PLY header has no end_header"));
   CHECK_THAT(refusal("solid\n"), Contains("x.ply: not a PLY file"));
   CHECK_THAT(refusal(valid.substr(0, 60)), Contains("no end_header"));
   CHECK_THAT(refusal(valid.substr(0, valid.size() - 1)),
@@ -180,7 +180,7 @@ TEST_CASE("ply: errors contain file, position and reason", "[ply]") {
   CHECK_THAT(changed("vertex 2", "vertex nan"), Contains("invalid vertex count 'nan'"));
   for (std::size_t length = 0; length < valid.size(); length += 13)
     CHECK_THAT(refusal(valid.substr(0, length)), Contains("x.ply"));
-  CHECK_THAT(changed("element vertex 2\n", ""), Contains("property before any element"));
+  CHECK_THAT(changed("element vertex 2\n", ""), Contains("there is a property before any element"));
   CHECK_THAT(changed("element vertex", "element face"), Contains("must be vertex"));
   CHECK_THAT(changed("binary_little_endian", "ascii"), Contains("x.ply:2: PLY format 'ascii'"));
   CHECK_THAT(changed("binary_little_endian", "binary_big_endian"), Contains("binary_big_endian"));
@@ -197,7 +197,7 @@ TEST_CASE("ply: errors contain file, position and reason", "[ply]") {
   CHECK_THAT(changed("float l_triangle_14", "float l_triangle_y"), Contains("'l_triangle_14' is missing"));
 }
 
-TEST_CASE("ply: surplus numbered properties and foreign files", "[ply]") {
+TEST_CASE("ply: surplus numbered properties and third-party files are rejected", "[ply]") {
   TempFolder folder;
   const auto refusal = [&](const std::vector<std::string>& names) {
     std::string text = "ply\nformat binary_little_endian 1.0\nelement vertex 0\n";
@@ -232,7 +232,7 @@ TEST_CASE("ply: non-finite values are detected in reading and writing", "[ply]")
              Contains("need 175"));
 }
 
-TEST_CASE("point cloud: positions and colours", "[ply]") {
+TEST_CASE("point cloud: positions and colours are read, and invalid colours are rejected", "[ply]") {
   TempFolder folder;
   const std::string start = "ply\nformat binary_little_endian 1.0\nelement vertex 1\nproperty float x\n";
   const std::string axes = "property float y\nproperty float z\n", normals = "property float nx\n";

@@ -44,7 +44,7 @@ std::string usage_message(const std::string& key, const std::string& value) {
   return message_of([&] { set_field(bound(sample), key, value, "--set"); }, ErrorKind::usage);
 }
 
-TEST_CASE("settings: numbers and colours in the notations that people use") {
+TEST_CASE("settings: numbers may end with k or M, and colours may be names or hexadecimal digits") {
   TrainSettings settings;
   const auto set = [&](const char* key, const char* text) {
     set_field(bind_fields(settings, train_fields()), key, text, "--set");
@@ -209,7 +209,7 @@ TEST_CASE(
   CHECK(yaml_message("triple: " + deep).find("malformed YAML") != std::string::npos);
   CHECK(yaml_message("triple: " + deep + std::string(deep.size(), ']')).find("bad.yaml") !=
         std::string::npos);
-  std::string laughs = "l0: &l0 [1, 1]\n";  // 2^64 values
+  std::string laughs = "l0: &l0 [1, 1]\n";  // expanding all aliases would give 2^64 values
   for (int i = 1; i < 64; ++i) laughs += fmt::format("l{0}: &l{0} [*l{1}, *l{1}]\n", i, i - 1);
   CHECK(yaml_message(laughs + "triple: *l63\n").find("bad.yaml:1:1: unknown key 'l0'") != std::string::npos);
   CHECK(yaml_message("triple: &t [*t, *t]\n").find("bad.yaml") != std::string::npos);
@@ -217,14 +217,14 @@ TEST_CASE(
   CHECK(yaml_message("<<: {whole: 4}\n").find("bad.yaml:1:1: << must be a value") != std::string::npos);
 }
 
-// This took minutes when the time was quadratic in the number of keys.
+// In earlier versions, the time was quadratic in the number of keys, and this test took minutes.
 TEST_CASE("settings: YAML with 200 000 unknown keys is rejected") {
   std::string keys;
   for (int i = 0; i < 200'000; ++i) keys += fmt::format("k{}: {}\n", i, i);
   CHECK(yaml_message(keys).find("bad.yaml:1:1: unknown key 'k0'") != std::string::npos);
 }
 
-TEST_CASE("settings: YAML lists and empty files") {
+TEST_CASE("settings: YAML lists and empty files are read") {
   const TempFolder folder;
   Sample s;
   put(folder / "empty.yaml", "# nothing\n");
@@ -283,7 +283,7 @@ TEST_CASE("train settings: the table contains every member") {
     if constexpr (std::is_member_pointer_v<decltype(member)>)
       return sizeof(TrainSettings{}.*member);
     else
-      return sizeof(OnNan);  // a choice
+      return sizeof(OnNan);  // the field is a choice, which is stored as an enumeration
   };
   for (const auto& field : train_fields()) listed += std::visit(size, field.member);
   CHECK(listed <= sizeof(TrainSettings));
@@ -291,7 +291,7 @@ TEST_CASE("train settings: the table contains every member") {
   CHECK(sizeof(TrainSettings) - listed <= 35);
 }
 
-TEST_CASE("train settings: combinations are checked") {
+TEST_CASE("train settings: invalid values and combinations are rejected") {
   const auto message = [](auto change) {
     TrainSettings s;
     change(s);
@@ -321,12 +321,12 @@ TEST_CASE("train settings: combinations are checked") {
   set("frames", "4:300:2");
   CHECK(s.frames == IndexRange{4, 300, 2});
   set("frames", "10");
-  CHECK(to_string(s.frames) == "10");  // the content of config.yaml is read again
+  CHECK(to_string(s.frames) == "10");  // config.yaml contains this text, which can be read again
   set("frames", "");
   CHECK(s.frames == IndexRange{});
-  set("frames", "0");  // all
+  set("frames", "0");  // selects all frames
   CHECK(s.frames == IndexRange{});
-  // All three numbers must be within the schedule.
+  // refine needs three numbers, which must be within the schedule.
   for (const char* text : {"", "500", "500:25000", "500:100:1", "0:30001:1", "0:0:0"})
     CHECK(refused("refine", text));
   set("refine", "0:0:1");
@@ -334,7 +334,7 @@ TEST_CASE("train settings: combinations are checked") {
   CHECK(message([](auto& with) { with.refine.first = 26000; }).find("refine") != std::string::npos);
 }
 
-TEST_CASE("data_specs: every run specification loads") {
+TEST_CASE("data_specs: every specification of a run can be loaded") {
   std::size_t found = 0;
   for (const auto& entry : std::filesystem::directory_iterator(std::string(UBS_SOURCE_DIR) + "/data_specs")) {
     if (entry.path().extension() != ".yaml") continue;

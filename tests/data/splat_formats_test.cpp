@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tests third-party splat files: every reader and writer, damage, real files, and the conversion of ubs
-// splats to Gaussians.
+// Tests third-party splat files: every reader and writer, damaged files, real files, and the conversion of
+// ubs splats to Gaussians.
 #include <sys/mman.h>
 
 #include <algorithm>
@@ -73,8 +73,9 @@ TEST_CASE("formats: SPZ and .splat preserve values up to their quantisation", "[
   write_spz(folder / "a.spz", splats);
   CHECK(detect_splat_format(folder / "a.spz").name == "spz");
   Differences d = compare(splats, read_foreign_splats(folder / "a.spz"));
-  // Half a quantisation step of each field: 2^-13, 1/32, 1/510, 0.5 / 255 / 0.15, 1/256. No value reaches the
-  // clamp at 0.9.
+  // Each bound is half a quantisation step: 2^-13 for positions, 1/32 for logarithms of scales, 1/510 for
+  // opacities, 0.5 / 255 / 0.15 for constant harmonics, and 1/256 for the other harmonics. No value of the
+  // test exceeds the range of its field.
   CHECK(d.position <= 0.00013);
   CHECK(d.log_scale <= 0.0313);
   CHECK(d.rotation < 3e-6);
@@ -110,7 +111,7 @@ TEST_CASE("formats: GLB preserves values and the translation to float32", "[form
     CHECK(load_splat_model(folder / "a.glb").comments ==
           std::vector<std::string>{"ubs_up 0 -1 0", "ubs_offset 100 -2.5 7"});
     CHECK(d.rotation < 1e-6);
-    CHECK(d.log_scale < 2e-6);  // exp and log in float32: 4.8e-7 observed
+    CHECK(d.log_scale < 2e-6);  // exp and log are computed in float32; 4.8e-7 observed
     CHECK(d.opacity < 2e-7);
   }
   const std::string file = get(folder / "a.glb");
@@ -196,13 +197,15 @@ TEST_CASE("formats: SOG preserves values up to its codebooks and palette", "[for
     write_sog(folder / "a.sog", splats);
     CHECK(detect_splat_format(folder / "a.sog").name == "sog");
     const Differences d = compare(splats, matched(splats, read_foreign_splats(folder / "a.sog")));
-    // Half a quantisation step: 16 bits over 2 ln 4 at |v| = 3, about 256 values over the range, or 8 bits.
-    CHECK(d.position < 1.8e-4);  // 8.6e-5 observed
-    CHECK(d.log_scale < 0.03);   // 0.016
-    CHECK(d.rotation < 4e-5);    // 2.1e-5
+    // The errors are at most half a quantisation step. Logarithms of positions have 16 bits for the range
+    // from -ln 4 to ln 4, which gives the largest step at |v| = 3. Scales and harmonics have about 256 values
+    // in their range, and opacities have 8 bits. The observed errors are about half of these bounds.
+    CHECK(d.position < 1.8e-4);
+    CHECK(d.log_scale < 0.03);
+    CHECK(d.rotation < 4e-5);
     CHECK(d.opacity <= 0.00197);
-    CHECK(d.dc < 0.014);    // 0.007
-    CHECK(d.rest < 0.014);  // 0.007
+    CHECK(d.dc < 0.014);
+    CHECK(d.rest < 0.014);
     CHECK((degree == 0 || d.rest > 1e-4));
   }
   // If there are more splats than entries of the palette, similar splats share an entry.
@@ -232,7 +235,7 @@ TEST_CASE("formats: SOG preserves values up to its codebooks and palette", "[for
 
 namespace {
 
-// Real spherical harmonics with the signs and the order of 3DGS; d has unit length.
+// Computes the real spherical harmonics of the unit vector d, with the signs and the order of 3DGS.
 void sh_basis(const std::array<double, 3>& d, int degree, double* b) {
   const double x = d[0], y = d[1], z = d[2], xx = x * x, yy = y * y, zz = z * z;
   b[0] = kShC0;
@@ -256,7 +259,7 @@ void sh_basis(const std::array<double, 3>& d, int degree, double* b) {
   b[15] = -0.5900435899266435 * x * (xx - 3 * yy);
 }
 
-// Returns the colours as seen from `centre`, not clamped above: max(0, SH(direction) + 0.5), as in 3DGS.
+// Returns the colours as seen from `centre`: max(0, SH(direction) + 0.5), as in 3DGS. They may exceed 1.
 std::vector<std::array<float, 3>> colours_from(const ImportedSplats& s, const std::array<double, 3>& centre) {
   std::vector<std::array<float, 3>> colours(s.count());
   const int degree = std::min(s.sh_degree, 3);
@@ -285,8 +288,8 @@ TEST_CASE("formats: values that SPZ cannot store are reported", "[formats]") {
   CHECK(spz_remarks(splats).empty());
   splats.positions[0][0] = 1e6f;
   splats.log_scales[1][2] = 9;
-  splats.sh[2 * 12] = 30;     // a constant harmonic
-  splats.sh[3 * 12 + 5] = 5;  // of degree 1
+  splats.sh[2 * 12] = 30;     // a harmonic of degree 0
+  splats.sh[3 * 12 + 5] = 5;  // a harmonic of degree 1
   const std::vector<std::string> remarks = spz_remarks(splats);
   REQUIRE(remarks.size() == 2);
   CHECK_THAT(remarks[0], Contains("steps of 0.125"));
@@ -299,8 +302,8 @@ TEST_CASE("formats: values that SPZ cannot store are reported", "[formats]") {
 }
 
 TEST_CASE("formats: SPZ rotates harmonics like the positions", "[formats]") {
-  // Rotating the file by half a turn about x must not change the colours. For a rotated file, the rotation of
-  // the reader is compared with the values of the harmonics themselves.
+  // The axes of an SPZ file are rotated by half a turn about x. The writer and the reader must rotate
+  // harmonics together with the positions, so that the colours seen from a point do not change.
   TempFolder folder;
   const ImportedSplats splats = random_splats(20, 3);
   write_spz(folder / "a.spz", splats);
@@ -374,7 +377,7 @@ TEST_CASE("gzip: data with more than 4 GiB are read completely", "[import]") {
   munmap(room, bytes);
 }
 
-// Returns a model of the published form with random rotations and scales, and further dimensions without
+// Returns a model of the published variant with random rotations and scales. Its query dimensions have no
 // influence.
 SplatModel neutral_model(std::size_t count, int dim) {
   SplatModel model(dim, count);
@@ -436,15 +439,15 @@ TEST_CASE("reduce: splats of DBS files become Gaussians", "[reduce]") {
   CHECK(d.opacity < 1e-6);
 }
 
-TEST_CASE("reduce: kernel ratio", "[reduce]") {
-  CHECK(support_ratio(4) == Approx(3.08).epsilon(0.002));  // the optima of method.md 2.7
+TEST_CASE("reduce: ratios of the support of a Beta splat to the sigma of a Gaussian", "[reduce]") {
+  CHECK(support_ratio(4) == Approx(3.08).epsilon(0.002));  // the optima of docs/method.md, section 2.7
   CHECK(support_ratio(4 * std::exp(0.5)) == Approx(3.82).epsilon(0.005));
   CHECK(support_ratio(4 * std::exp(1.0)) == Approx(4.81).epsilon(0.005));
   CHECK(support_ratio(4 * std::exp(2.0)) == Approx(7.78).epsilon(0.005));
 }
 
 TEST_CASE(
-    "reduce: a splat that is visible from one direction gets a low mean opacity and a high weighted one",
+    "reduce: a splat that is visible from one direction has a low mean opacity and a high maximum opacity",
     "[reduce]") {
   SplatModel model = initialise_random(6, 50, 3);
   const ParameterLayout l(6);
@@ -485,8 +488,7 @@ TEST_CASE("formats: UBSZ stores models exactly, or with errors of at most half a
   }
 
   SplatModel one = model.groups[1];
-  for (std::size_t i = 0; i < one.values.size(); ++i)
-    one.values[i] = std::sin(1.7f * static_cast<float>(i));  // the first values are similar in most rows
+  for (std::size_t i = 0; i < one.values.size(); ++i) one.values[i] = std::sin(1.7f * static_cast<float>(i));
   one.row(5)[7] = 1e6f;  // needs more than three bytes at this step, so the row is stored exactly
   const auto rows = static_cast<std::size_t>(one.layout().count);
   UbszSteps steps{std::vector<double>(rows), std::vector<std::uint8_t>(one.count)};
@@ -516,7 +518,8 @@ TEST_CASE("formats: UBSZ stores models exactly, or with errors of at most half a
     }
     first += n;
   }
-  // With levels, the groups of the second level follow those of the first, by dimension.
+  // If a file has levels, the splats of the second level follow those of the first level. Splats with the
+  // same dimension are in the same group.
   const UbszLevel levels[] = {{MixedModel(model.groups[1]), {}, 20}, {model, {}, 50}};
   const UbszParts parts = pack_ubsz_levels(levels, comments);
   REQUIRE(parts.sizes.size() == 2);
@@ -555,7 +558,7 @@ TEST_CASE("formats: many levels of UBSZ are joined in their order", "[formats]")
   }
 }
 
-TEST_CASE("formats: counts in the header of UBSZ neither wrap nor are rounded", "[formats]") {
+TEST_CASE("formats: a UBSZ file with a count that is too large or no integer is rejected", "[formats]") {
   const SplatModel one = initialise_random(6, 20, 1);
   const UbszSteps steps{std::vector<double>(static_cast<std::size_t>(one.layout().count), 0.01),
                         std::vector<std::uint8_t>(one.count)};
@@ -602,7 +605,7 @@ TEST_CASE("formats: small files that announce huge models are rejected", "[forma
              Contains("meta.json: 2000") && Contains("at most 1048576"));
   CHECK_THAT(sog("{\"version\":2,\"count\":100000}"), Contains("100000 splats cannot be stored in"));
 
-  // Adds a second primitive that shares all accessors of the first, and then up to 40 of them.
+  // Tests files with 2 and with 40 primitives that share all accessors of the first primitive.
   write_glb(folder / "a.glb", random_splats(100, 0));
   const std::string glb = get(folder / "a.glb");
   std::uint32_t words = 0;
@@ -626,7 +629,7 @@ TEST_CASE("formats: small files that announce huge models are rejected", "[forma
   }
 }
 
-TEST_CASE("formats: third-party files", "[formats][data]") {
+TEST_CASE("formats: real third-party files are read", "[formats][data]") {
   UBS_REQUIRE_DATA(folder, "foreign_splats");
   const ImportedSplats graphdeco = read_foreign_splats(folder / "graphdeco_sh3_9080.ply");
   CHECK(graphdeco.count() == 9080);
@@ -635,7 +638,7 @@ TEST_CASE("formats: third-party files", "[formats][data]") {
   CHECK(lego.count() == 20596);
   CHECK(lego.report.skipped.empty());
 
-  // The same scene in two formats must contain the same splats, so the same ellipsoids.
+  // The two files contain the same scene, so they must contain the same splats and the same ellipsoids.
   const ImportedSplats packed = read_foreign_splats(folder / "supersplat_biker.compressed.ply");
   const ImportedSplats spz = read_foreign_splats(folder / "biker.spz");
   REQUIRE(packed.count() == 152746);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tests splat files that occur in practice: variations that other programs write, files without splats and
-// their error messages, and that every unused part of a file is reported.
+// Tests splat files that occur in practice: variations that other programs write, errors about files without
+// splats, and notes about parts of a file that are not used.
 #include <functional>
 #include <map>
 #include <nlohmann/json.hpp>
@@ -23,10 +23,10 @@ namespace {
 
 // Describes how a 3DGS PLY file differs from the standard one.
 struct PlyKind {
-  std::vector<std::string> header_lines = {};  // after the format line
-  std::vector<std::string> extra = {};         // columns
-  std::vector<std::string> without = {};
-  std::string blank = {};  // after each line of the header
+  std::vector<std::string> header_lines = {};  // additional lines after the format line
+  std::vector<std::string> extra = {};         // additional columns
+  std::vector<std::string> without = {};       // missing columns
+  std::string blank = {};                      // text at the end of each line of the header
   bool doubles = false, ascii = false;
   std::array<double, 3> origin{0, 0, 0};  // added to the positions
 };
@@ -185,7 +185,7 @@ TEST_CASE("kinds: spaces in the header, ascii rows and other number types are re
   CHECK(read_foreign_splats(folder / "c.ply").count() == 1);
 }
 
-TEST_CASE("kinds: flat splats are kept, with a vanishing scale", "[formats]") {
+TEST_CASE("kinds: flat splats are kept, with a scale close to 0", "[formats]") {
   const TempFolder folder;
   ImportedSplats splats = random_splats(30, 0);
   const auto expect_discs = [&](const ImportedSplats& read, const char* what) {
@@ -223,7 +223,7 @@ TEST_CASE("kinds: flat splats are kept, with a vanishing scale", "[formats]") {
   put(folder / "flat.splat", records);
   CHECK(read_foreign_splats(folder / "flat.splat").count() == 30);
 
-  // Splats with invalid scales are dropped as before.
+  // Splats whose scale is NaN or infinite are dropped.
   splats.log_scales[3][0] = NAN, splats.log_scales[4][0] = INFINITY;
   put(folder / "a.ply", ply_of(splats));
   CHECK(read_foreign_splats(folder / "a.ply").count() == 28);
@@ -261,7 +261,7 @@ TEST_CASE("kinds: PLY files of other tools and of ubs record training with antia
   CHECK(format_remarks(splat_format("3dgs"), trained).empty());
   write_gaussian_ply(folder / "b.ply", trained);
   CHECK(read_foreign_splats(folder / "b.ply").antialiased);
-  // Each of the two comments is enough, because other programs read only one of them.
+  // One of the two comments must be sufficient, because other programs only read one of them.
   const std::string written = get(folder / "b.ply");
   for (const std::string comment : {"comment SplatRenderMode: mip\n", "comment antialiased 1\n"}) {
     INFO(comment);
@@ -272,7 +272,7 @@ TEST_CASE("kinds: PLY files of other tools and of ubs record training with antia
   write_gaussian_ply(folder / "b.ply", splats);
   CHECK_FALSE(read_foreign_splats(folder / "b.ply").antialiased);
   CHECK(get(folder / "b.ply").find("comment") == std::string::npos);
-  // The key that newer SOG files use.
+  // Newer SOG files use another key to record antialiasing.
   write_sog(folder / "a.sog", splats);
   auto members = members_of(folder / "a.sog");
   for (auto& [name, text] : members)
@@ -281,7 +281,7 @@ TEST_CASE("kinds: PLY files of other tools and of ubs record training with antia
   CHECK(read_foreign_splats(folder / "m.sog").antialiased);
 }
 
-TEST_CASE("kinds: double-precision coordinates far away keep their digits thanks to an offset", "[formats]") {
+TEST_CASE("kinds: double-precision coordinates far away are stored relative to an offset", "[formats]") {
   const TempFolder folder;
   const ImportedSplats splats = random_splats(200, 0);
   const std::array<double, 3> utm{500123.4, 4649776.25, 100};
@@ -307,7 +307,7 @@ TEST_CASE("kinds: double-precision coordinates far away keep their digits thanks
   const ImportedSplats far = read_foreign_splats(folder / "b.ply");
   CHECK(std::abs(far.positions[100][1] + far.offset[1] - splats.positions[100][1] - utm[1]) < 1e-6);
   CHECK(std::abs(far.positions[100][0] + far.offset[0] - splats.positions[100][0] - utm[0] - 1000) < 1e-6);
-  // Near the origin nothing changes.
+  // Coordinates near the origin get no offset.
   put(folder / "c.ply", ply_of(splats, {.doubles = true}));
   CHECK(read_foreign_splats(folder / "c.ply").offset == std::array<double, 3>{});
 }
@@ -322,7 +322,7 @@ TEST_CASE("kinds: SPZ without gzip is read", "[formats]") {
   CHECK(a.sh == b.sh);
 }
 
-TEST_CASE("kinds: SOG as a folder, as meta.json, and in a folder inside its archive", "[formats]") {
+TEST_CASE("kinds: SOG is read from a folder, from meta.json, and from a folder in an archive", "[formats]") {
   const TempFolder folder;
   const ImportedSplats splats = random_splats(50, 1);
   write_sog(folder / "a.sog", splats);
@@ -361,14 +361,14 @@ TEST_CASE("kinds: SOG as a folder, as meta.json, and in a folder inside its arch
   CHECK(find_splat_model(folder / "data").empty());
 }
 
-TEST_CASE("kinds: SOG version 1", "[formats]") {
+TEST_CASE("kinds: SOG version 1 is read", "[formats]") {
   const TempFolder folder;
   const auto image = [](std::vector<std::uint8_t> rgba, int width) {
     const int height = static_cast<int>(rgba.size()) / 4 / width;
     return text_of(encode_webp({width, height, std::move(rgba)}));
   };
-  // Two splats. The palette of degree 1 is 192 pixels wide; splat 1 has entry 65, the second of the second
-  // row.
+  // The file has two splats. The palette of degree 1 is 192 pixels wide. Splat 1 uses entry 65, which is the
+  // second entry of the second row.
   std::vector<std::uint8_t> palette(4 * 192 * 2, 255), labels{0, 0, 0, 255, 65, 0, 0, 255};
   for (std::size_t k = 0; k < 3; ++k)
     for (std::size_t c = 0; c < 3; ++c)
@@ -539,19 +539,19 @@ TEST_CASE("kinds: a file without any valid splat is an error", "[formats]") {
   for (const auto& read : {std::function<void()>([&] { read_foreign_splats(folder / "a.ply"); }),
                            std::function<void()>([&] { load_splat_model(folder / "a.ply"); })})
     CHECK_THAT(message_of(read),
-               Contains("none of its 12 splats can be rendered: rotation is not a quaternion"));
+               Contains("none of its 12 splats can be rendered: the rotation is not a quaternion"));
 }
 
-TEST_CASE("kinds: long names in notes are shortened", "[formats]") {
+TEST_CASE("kinds: notes shorten lists of numbered names", "[formats]") {
   CHECK(list_names({"motion_0", "motion_1", "motion_2", "t", "omega_3", "omega_4", "a_1", "a_3", "7"}) ==
         "motion_0 to motion_2, t, omega_3, omega_4, a_1, a_3, 7");
 }
 
 // There must be a test file with an unused part for every row of the table of formats.
-TEST_CASE("silence: every reader reports the parts of a file that it does not use", "[formats]") {
+TEST_CASE("notes: every reader reports the parts of a file that it does not use", "[formats]") {
   const TempFolder folder;
   const ImportedSplats splats = random_splats(1, 0);
-  // An additional column after the others of the only row.
+  // Adds a column after the other columns of the only row.
   const auto with_column = [&](const std::filesystem::path& path) {
     put(path,
         replaced(get(path), "end_header\n", "property float surplus\nend_header\n") + std::string(4, '\0'));
@@ -594,7 +594,7 @@ TEST_CASE("silence: every reader reports the parts of a file that it does not us
          write_spz(path, splats);
          const std::string packed = get(path);
          std::string plain = text_of(inflate_gzip(std::as_bytes(std::span(packed)), 1 << 16, "test"));
-         plain[14] = 0x40;  // a flag, whose number is printed instead of a name
+         plain[14] = 0x40;  // an unknown flag; the note contains its number
          put(path, plain);
        }},
       {"sog",
@@ -644,7 +644,8 @@ TEST_CASE("silence: every reader reports the parts of a file that it does not us
          write_usda(path, splats);
          put(path, get(path) + "def Mesh \"surplus\" {}\n");
        }},
-      // All 32 bytes of a record are used, and dropped records are counted.
+      // A .splat file has no unused parts, because all 32 bytes of a record are used. So this row tests that
+      // dropped records are reported.
       {"splat", [&](const auto& path) {
          write_splat32(path, random_splats(2, 0));
          std::string bytes = get(path);
@@ -652,7 +653,7 @@ TEST_CASE("silence: every reader reports the parts of a file that it does not us
          put(path, bytes);
        }}};
   const std::map<std::string_view, const char*> words{{"spz", "flags 0x40"},
-                                                      {"splat", "1 dropped: position not finite"}};
+                                                      {"splat", "1 dropped: the position is not finite"}};
   for (const SplatFormat& format : splat_formats()) {
     INFO(format.name);
     // OpenUSD converts the binary form to text, which the same reader reads (tests/data/usd_test.py).
@@ -677,7 +678,7 @@ TEST_CASE("silence: every reader reports the parts of a file that it does not us
   }
 }
 
-TEST_CASE("silence: notes explain the columns of known methods", "[formats]") {
+TEST_CASE("notes: unused columns of known methods are explained", "[formats]") {
   const TempFolder folder;
   const ImportedSplats splats = random_splats(3, 0);
   PlyKind motion;

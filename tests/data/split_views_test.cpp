@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tests how views are divided into training and test views: by convention every 8th, and for few images those
-// that the others surround.
+// Tests how views are divided into training views and test views. By convention, every 8th image is a test
+// image. If there are few images, test images are chosen from those that are surrounded by others.
 #include "host/data/split_views.hpp"
 
 #include <fmt/format.h>
@@ -17,7 +17,7 @@ using Catch::Contains;
 
 namespace {
 
-// Returns a view with this position and with a horizontal direction [rad].
+// Returns a view with this position that looks in a horizontal direction [rad].
 View view_at(int number, double x, double y, double z, double direction = 0) {
   View view;
   view.name = fmt::format("p{:02d}", number);
@@ -94,7 +94,7 @@ TEST_CASE("few images: test images are inside of a grid, of an arc and of a pan"
     for (const std::string& name : test_names(views)) CHECK((name != "p00" && name != "p09"));
 }
 
-TEST_CASE("a stated number and sets of 24 images and more follow the convention of every 8th image") {
+TEST_CASE("every 8th image is a test image if there are 24 or more, or every n-th if n is given") {
   CHECK(test_names(walk(11), 8) == Names{"p00", "p08"});
   CHECK(test_names(walk(11), 4) == Names{"p00", "p04", "p08"});
   CHECK(test_names(walk(11), 0).empty());

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tests the synthetic data sets: they are ordinary folders, reproducible, and depend on view and time, and
-// they never overwrite files of the user.
+// Tests the synthetic data sets: they can be loaded like other folders, are reproducible, and depend on view
+// and time. Writing them must not overwrite files of the user.
 #include "host/data/synthetic.hpp"
 
 #include <algorithm>
@@ -36,7 +36,7 @@ std::map<std::string, std::string> contents(const std::filesystem::path& folder)
   return files;
 }
 
-// Returns the alpha of a written image, from its difference between a white and a black background.
+// Returns the alpha of a written image, computed from its pixels in front of white and of black.
 std::vector<int> alpha_of(const std::filesystem::path& png) {
   const Image8 black = load_image(png), white = load_image(png, {1, 1, 1});
   std::vector<int> alpha;
@@ -131,15 +131,16 @@ TEST_CASE("synthetic: the pixels agree with the cameras", "[synthetic]") {
   CHECK(outside_count >= 2);
 }
 
-TEST_CASE("synthetic: alpha is hard for solids and soft for the cloud", "[synthetic]") {
+TEST_CASE("synthetic: few pixels of solid objects are partly transparent, but many of the cloud",
+          "[synthetic]") {
   TempFolder folder;
   export_synthetic(small("glossy"), folder / "g");
   export_synthetic(small("cloud"), folder / "c");
   const auto partial = [](const std::vector<int>& alpha) {
     return std::count_if(alpha.begin(), alpha.end(), [](int a) { return a > 3 && a < 252; });
   };
-  CHECK(partial(alpha_of(folder / "g/train/r_000.png")) < 110);  // 55 pixels, on the outline
-  CHECK(partial(alpha_of(folder / "c/train/r_000.png")) > 130);  // 255 of 1200 pixels
+  CHECK(partial(alpha_of(folder / "g/train/r_000.png")) < 110);  // observed: 55, on the outline
+  CHECK(partial(alpha_of(folder / "c/train/r_000.png")) > 130);  // observed: 255 of 1200
 }
 
 TEST_CASE("synthetic: orbit covers the whole time range and moves", "[synthetic]") {
@@ -155,7 +156,8 @@ TEST_CASE("synthetic: orbit covers the whole time range and moves", "[synthetic]
   CHECK_THAT(get(folder / "static/transforms_train.json"), !Contains("\"time\""));
 }
 
-TEST_CASE("synthetic: files with its names are only replaced on request, and others never", "[synthetic]") {
+TEST_CASE("synthetic: only --overwrite replaces files, and only those with the names of new files",
+          "[synthetic]") {
   TempFolder folder;
   export_synthetic(small("orbit"), folder / "a");
   put(folder / "a/train/notes.txt", "mine");

@@ -72,7 +72,7 @@ TEST_CASE("keypoints of a plane, and pixels between them, are placed on the plan
   CHECK(triangulate(views, 3, 0, 3).corners > 300);
 }
 
-TEST_CASE("images of different exposure are recognised by the brightness of what they have in common") {
+TEST_CASE("different exposures are recognised by the brightness of points that images have in common") {
   std::vector<View> views = views_of_plane();
   const auto ratio = [&] { return triangulate(views, 200, 0, 3).brightness_ratio; };
   CHECK(ratio() < 1.01);
@@ -96,12 +96,12 @@ TEST_CASE("a patch is matched at its depth") {
   REQUIRE_FALSE(patch.plain());
   CHECK(patch.agreement(pictures[2], kDistance) == Approx(1).margin(1e-5));
   CHECK(patch.agreement(pictures[1], kDistance) > 0.95);
-  CHECK(patch.agreement(pictures[1], 0.5 * kDistance) < 0.7);  // smooth spots look alike
+  CHECK(patch.agreement(pictures[1], 0.5 * kDistance) < 0.7);  // not lower, because all spots are smooth
   const std::array<const GreyPicture*, 2> others{&pictures[1], &pictures[3]};
   const auto depth = patch.best_depth(others, 2, 8, 61, 0.8);
   REQUIRE(depth);
   CHECK(std::abs(*depth - kDistance) < 0.15);
-  CHECK_FALSE(patch.best_depth(others, 1, 2, 20, 0.8));  // far from its depth
+  CHECK_FALSE(patch.best_depth(others, 1, 2, 20, 0.8));  // none of these depths is near that of the patch
   CHECK(Patch(pictures[2], {2, 120}).plain());           // partly outside of the image
 }
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tests OpenUSD files with splats: written files, by reading the numbers in the text with strtof(); reading,
-// including the many forms of text that the format allows; and series of time samples. tests/data/usd_test.py
-// compares with OpenUSD itself.
+// Tests OpenUSD files with splats. The tests read the numbers of written files with strtof(), read the many
+// notations that the text format allows, and test series of time samples. tests/data/usd_test.py compares the
+// files with OpenUSD itself.
 #include <cstdlib>
 
 #include "host/base/child_process.hpp"
@@ -69,7 +69,7 @@ TEST_CASE("usd: the text contains every number, rotated so that y points up", "[
   const TempFolder folder;
   for (const int degree : {0, 1, 2, 3}) {
     ImportedSplats splats = random_splats(40, degree);
-    splats.positions[3] = {1e-42f, -3.4e38f, 16777217.0f};  // a denormal, and the largest
+    splats.positions[3] = {1e-42f, -3.4e38f, 16777217.0f};  // a denormal, and nearly the largest float
     splats.offset = {4321987.0625, -2.5, 7};
     write_usda(folder / "a.usda", splats);
     const std::string text = get(folder / "a.usda");
@@ -174,7 +174,8 @@ TEST_CASE("usd: a series contains time samples of changing values", "[formats]")
   }
   const ImportedSplats first = read_foreign_splats(folder / "a.usda");
   CHECK(first.positions == moments[0].positions);
-  CHECK_THAT(notes_of(first), Contains("3 time samples, time codes 0 to 2: 0 is read; 'ubs convert --time'"));
+  CHECK_THAT(notes_of(first),
+             Contains("3 time samples, time codes 0 to 2: the sample at 0 is read; 'ubs convert --time'"));
   for (const auto& [time, moment] : {std::pair{0.0, 0}, {0.3, 1}, {0.6, 1}, {1.0, 2}}) {
     const ImportedSplats read = read_foreign_splats(folder / "a.usda", time);
     CHECK(read.positions == moments[static_cast<std::size_t>(moment)].positions);
@@ -207,7 +208,7 @@ TEST_CASE("usd: time samples of a series are prepared for interpolation", "[form
   const float hidden = -16;
   for (std::size_t m = 0; m < 4; ++m) {
     moments[m].opacity_logits[0] = hidden;  // never visible
-    if (m != 1) {  // splat 1: only visible at time sample 1, and at any position otherwise
+    if (m != 1) {  // splat 1 is only visible at time sample 1, so its other positions do not matter
       moments[m].opacity_logits[1] = hidden;
       moments[m].positions[1] = {0, 0, 0};
     }
@@ -233,8 +234,8 @@ TEST_CASE("usd: time samples of a series are prepared for interpolation", "[form
     CHECK(s.log_scales[2] == base.log_scales[3]);
   }
 
-  // If the numbers of splats differ, nothing is prepared. Equal numbers are made unequal, so that readers do
-  // not interpolate.
+  // If the numbers of splats differ, nothing is prepared for interpolation. keep_apart() then changes the
+  // numbers of consecutive time samples that are equal, so that readers do not interpolate between them.
   moments[3] = part_of(base, 0, 5);
   SplatSeries apart(moments);
   CHECK(!apart.finish(0.5f));
@@ -245,7 +246,7 @@ TEST_CASE("usd: time samples of a series are prepared for interpolation", "[form
   CHECK(apart.sh(1).size() == 3 * apart.moments()[1].count());
 }
 
-TEST_CASE("usd: text is read in every form that the format allows", "[formats]") {
+TEST_CASE("usd: text is read in every notation that the format allows", "[formats]") {
   const ImportedSplats plain = parsed(layer_of(""));
   REQUIRE(plain.count() == 1);
   CHECK(plain.positions[0] == std::array<float, 3>{1, -2, -3});
@@ -342,7 +343,7 @@ TEST_CASE("usd: errors describe what cannot be read", "[formats]") {
              Contains("t.usda: the prim S has the operation xformOp:rotateX: only translations"));
   CHECK_THAT(with("  float3 xformOp:scale = (1, 2, 1)\n" + op + "scale\"]\n"), Contains("only translations"));
   CHECK_THAT(with("  float xformOp:rotateX = nan\n" + op + "rotateX\"]\n"), Contains("only translations"));
-  CHECK(with("  float xformOp:rotateX = 90\n").empty());  // not in the list of operations, so not applied
+  CHECK(with("  float xformOp:rotateX = 90\n").empty());  // xformOpOrder does not list this operation
   CHECK_THAT(with("  float3[] scales = [(-1, -2, -3)]\n"), Contains("linear scales (are these logarithms?)"));
   CHECK_THAT(with("  float[] opacities = [3]\n"), Contains("from 0 to 1 (are these logits?)"));
   CHECK_THAT(with("  float[] opacities = [x]\n"), Contains("t.usda, line 6: 'x' is not a number"));
@@ -377,7 +378,7 @@ TEST_CASE("usd: OpenUSD converts the binary form, and without it the error sugge
   put(folder / "b.usdc", "PXR-USDC and more");
   CHECK(detect_splat_format(folder / "b.usdc").name == "usdc");
   const std::string reading = message_of([&] { read_foreign_splats(folder / "b.usdc"); }, ErrorKind::usage);
-  // A usdcat that works, and one that fails.
+  // Tests a usdcat that works, and a usdcat that fails.
   put(folder / "usdcat", "#!/bin/sh\nif [ $# = 3 ]; then read line < $1; echo \"$line\" > $3; fi\n");
   std::filesystem::permissions(folder / "usdcat", std::filesystem::perms::owner_all);
   write_usdc(folder / "c.usdc", random_splats(2, 0));

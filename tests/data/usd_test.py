@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Tests USD files in both directions: usd_test.py UBS.
+"""Tests that ubs and OpenUSD can read each other's USD files. Usage: usd_test.py UBS, where UBS is the path of ubs.
 
 OpenUSD reads the files that `ubs convert` writes, and their values are compared with PLY files. ubs reads files that
 OpenUSD wrote. The test needs numpy and OpenUSD 26.03 or later (pip install usd-core), in the Python that runs this
@@ -83,7 +83,8 @@ def random_table(rng, degree):
         ],
         1,
     ).astype("<f4")
-    # The values may be any finite float32, including denormals. The digits in the text must give the same bits.
+    # Half of the positions are arbitrary finite numbers of float32, including denormals. After writing and reading
+    # the text, they must have the same bits.
     bits = rng.integers(0, 2**32, (COUNT // 2, 3), dtype=np.uint64).astype(np.uint32).view(np.float32)
     table[: COUNT // 2, :3] = np.where(np.isfinite(bits), bits, 1)
     return table
@@ -101,7 +102,7 @@ def values_of(prim, time):
 
 
 def open_stage(path):
-    """Opens a file, checks it against the schema, and returns stage and prim."""
+    """Opens a file, checks its attributes against the schema, and returns the stage and the prim."""
     stage = Usd.Stage.Open(str(path))
     prim = stage.GetDefaultPrim()
     assert prim.IsA(UsdVol.ParticleField3DGaussianSplat) and prim.GetTypeName() == "ParticleField3DGaussianSplat"
@@ -194,7 +195,7 @@ def check_still(folder):
             check_back(folder / name, table, degree, folder, offset)
         for values in seen[1:]:
             assert all(np.array_equal(a.view(np.uint32), b.view(np.uint32)) for a, b in zip(seen[0], values))
-        # The text that OpenUSD writes.
+        # ubs must also read the text that OpenUSD writes.
         assert Sdf.Layer.FindOrOpen(str(folder / "a.usdc")).Export(str(folder / f"other{degree}.usda"))
         assert (folder / f"other{degree}.usda").read_bytes() != (folder / "a.usda").read_bytes()
         check_back(folder / f"other{degree}.usda", table, degree, folder, offset)
@@ -269,14 +270,15 @@ def check_series(folder):
             assert np.array_equal(back.places, (places * [1, -1, -1]).astype(np.float32))
             if moment > 0:
                 moved = max(moved, np.abs(places - values_of(prim, 0)[0]).max())
-                # OpenUSD interpolates between time samples, and the ellipsoids must not tumble in between.
+                # OpenUSD interpolates between time samples. In between, an ellipsoid must not rotate further than
+                # necessary.
                 before, after = values_of(prim, moment - 1), values_of(prim, moment)
                 half = values_of(prim, moment - 0.5)
                 assert np.allclose(half[0], (before[0] + after[0]) / 2, atol=1e-6)
                 dots = np.abs((before[1] * after[1]).sum(1))
                 # Half of the angle between two time samples is at most 45 degrees if the axes have the same order.
                 assert dots.min() > 0.7, dots.min()
-        assert moved > 0.001, moved  # 0.0035 observed: the training is short
+        assert moved > 0.001, moved  # 0.0035 was observed, because the training is short
     said = ubs("convert", folder / "run", folder / "still.usda", "--time", 0.5, "--distill", 0)
     assert "store K of them with --series K" in said
     # Splats of different distilled time samples do not correspond, so OpenUSD must not interpolate.

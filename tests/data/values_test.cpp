@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tests that the loader of every layout rejects invalid values of cameras, points and files, with the file
-// and the frame in the message. host/scene/camera.hpp contains the limits.
+// Tests that the loader of every layout rejects invalid values of cameras and points, and that the message
+// contains the file and the frame. host/scene/camera.hpp contains the limits.
 #include <nlohmann/json.hpp>
 
 #include "host/api/keyframes.hpp"
@@ -83,7 +83,7 @@ void rewrite_header(const std::filesystem::path& path, const std::string& from, 
 
 }  // namespace
 
-TEST_CASE("values: JSON files", "[values]") {
+TEST_CASE("values: invalid values in JSON files are rejected", "[values]") {
   const TempFolder folder;
   check_refused(
       folder,
@@ -154,7 +154,7 @@ TEST_CASE("values: times of any range are mapped to 0 to 1", "[values]") {
   CHECK(data.splits[0].views[1].camera.time == 1);
 }
 
-TEST_CASE("values: COLMAP", "[values]") {
+TEST_CASE("values: invalid values in COLMAP files are rejected", "[values]") {
   const TempFolder folder;
   const char *camera = "20 20 8 6", *pose = "1 0 0 0 0 0 4", *point = "0 0 0";
   put_colmap(folder, camera, pose, point);
@@ -169,7 +169,7 @@ TEST_CASE("values: COLMAP", "[values]") {
   CHECK_THAT(colmap_refusal(folder), Contains("points3D.txt:1: point 0 = 1e+39"));
 }
 
-TEST_CASE("values: LLFF poses", "[values]") {
+TEST_CASE("values: invalid values in LLFF poses are rejected", "[values]") {
   const TempFolder folder;
   put_image(folder / "images/a.png", 16, 12);
   const std::vector<float> good{0, 1, 0, 0, 12, -1, 0, 0, 0, 16, 0, 0, 1, 0, 20, 2, 9};
@@ -206,7 +206,7 @@ TEST_CASE("values: packed data sets are checked when written and when read", "[v
   // Simulates manipulated files: the checksum of the header is correct.
   PackedData data{.splits = {{"train", {simple_view()}}}, .points = PointCloud{{{1, 2, 3}}, {{4, 5, 6}}}};
   const auto read = [&](const std::string& from, const std::string& to) {
-    std::filesystem::remove(folder / "x.ubsd");  // rewritten below, so no longer the program's own
+    std::filesystem::remove(folder / "x.ubsd");  // ubs does not replace files that were changed afterwards
     write_packed(folder / "x.ubsd", data);
     rewrite_header(folder / "x.ubsd", from, to);
     return message_of([&] { load_dataset(folder / "x.ubsd"); });
@@ -231,7 +231,7 @@ TEST_CASE("values: bytes after the end of a packed data set are rejected", "[val
              Contains("the header is followed by 10 bytes, but its blocks have 6"));
 }
 
-TEST_CASE("values: keyframes", "[values]") {
+TEST_CASE("values: invalid values in keyframes are rejected", "[values]") {
   const TempFolder folder;
   const auto refusal = [&](const std::string& keyframe) {
     put(folder / "k.json", R"({"keyframes": [)" + keyframe + "]}");

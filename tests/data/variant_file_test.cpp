@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tests how the host represents a variant: parameter rows and names, the record in the model file, settings,
-// and initial parameters.
+// Tests how the host represents a variant: the rows and names of parameters, the record in a model file, the
+// settings, and the initial parameters.
 #include <cmath>
 #include <set>
 
@@ -26,7 +26,7 @@ SplatModel numbered_model(int dim, const ModelVariant& variant) {
 NamedVariant named(const std::string& name) {
   for (const NamedVariant& v : named_variants())
     if (v.name == name) return v;
-  FAIL("no variant " << name);
+  FAIL("named_variants() contains no variant with the name " << name);
   return {};
 }
 
@@ -43,10 +43,10 @@ TEST_CASE("variants: the number of parameter rows equals that of the published m
   CHECK(ParameterLayout(3, named("3DGS").variant).property_names()[5] == "f_dc_2");
   CHECK(ParameterLayout(3, named("3DGS").variant).property_names().back() == "rot_3");
   const auto names = ParameterLayout(6, {.kernel = SpatialKernel::gaussian}).property_names();
-  CHECK(names[7] == "beta_1");  // the number determines the dimension
+  CHECK(names[7] == "beta_1");  // without the spatial beta_0, numbers start at 1
 }
 
-TEST_CASE("variants: groups cover each row once", "[variants]") {
+TEST_CASE("variants: each parameter row belongs to exactly one group", "[variants]") {
   for (const NamedVariant& v : named_variants()) {
     INFO(v.name);
     const ParameterLayout layout(v.dim, v.variant);
@@ -61,7 +61,7 @@ TEST_CASE("variants: groups cover each row once", "[variants]") {
   }
 }
 
-TEST_CASE("variants: the page of a model knows the same switches", "[variants]") {
+TEST_CASE("variants: the decoder in web pages has the same switches and values", "[variants]") {
   const std::string worker = get(UBS_SOURCE_DIR "/host/look/web/worker.js");
   for (const VariantSwitch& s : kVariantSwitches)
     CHECK_THAT(worker, Contains(fmt::format("\n  {}: '{}'", s.key, s.values)));
@@ -145,7 +145,7 @@ TEST_CASE("variants: every value of every switch can be set", "[variants][settin
   CHECK_THAT(message_of([&] { validate(settings); }, ErrorKind::usage), Contains("spatial_ortho"));
 }
 
-TEST_CASE("variants: initial parameters", "[variants][initialise]") {
+TEST_CASE("variants: initial parameters have the documented values", "[variants][initialise]") {
   for (const NamedVariant& v : named_variants()) {
     INFO(v.name);
     InitOptions options;

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tests the lower layer of every back end: copies of all sizes (below, at and above the size of staging
-// buffers, and more than the ring of buffers holds), order of copies, memory accounting, times, and the error
-// for a request that is too large.
+// Tests the lower layer of every back end: copies and their order, memory accounting, times, and the error
+// for a request of memory that is too large. The copies have sizes below, equal to and above the size of a
+// staging buffer, and a size that exceeds that of all staging buffers together.
 #include <algorithm>
 #include <catch2/catch.hpp>
 #include <numeric>
@@ -28,9 +28,10 @@ TEST_CASE("uploaded data of any size can be downloaded unchanged", "[device]") {
       a.zero();
       std::vector<std::uint8_t> bytes = pattern(size, 1);
       a.upload(bytes, 2);
-      std::fill(bytes.begin(), bytes.end(), std::uint8_t{0});  // write() returned: the source may change
+      // After upload() has returned, the source may change. This must have no effect on the uploaded data.
+      std::fill(bytes.begin(), bytes.end(), std::uint8_t{0});
       device->copy(*a.view().memory, 0, *b.view().memory, 0, size + 3);
-      a.upload(pattern(size, 2), 2);  // written after the copy was submitted, so it must not affect the copy
+      a.upload(pattern(size, 2), 2);  // follows after the copy, so it must not affect the result of the copy
       std::vector<std::uint8_t> expected(size + 3, 0);
       const std::vector<std::uint8_t> first = pattern(size, 1), second = pattern(size, 2);
       std::copy(first.begin(), first.end(), expected.begin() + 2);
@@ -77,9 +78,9 @@ TEST_CASE("profiling lists the kernels that ran and their number of calls", "[de
   }
 }
 
-// Tests that the list of programs of a device contains the programs that the configuration requires,
-// whichever of them are compiled at run time.
-TEST_CASE("the programs compiled at run time are those that the configuration requires", "[device]") {
+// CUDA devices compile programs at run time only for configurations whose kernels were not compiled ahead of
+// time.
+TEST_CASE("CUDA devices list the programs that a configuration has compiled at run time", "[device]") {
   for (const auto& device : devices_under_test()) {
     if (device->info().backend != "cuda") continue;
     const std::size_t before = device->programs().size();
@@ -90,7 +91,7 @@ TEST_CASE("the programs compiled at run time are those that the configuration re
     for (int twice = 0; twice < 2; ++twice) {
       make_stages(*device, config);
       const std::vector<ProgramUse> programs = device->programs();
-      REQUIRE(programs.size() == before + 2);  // projection and rasteriser
+      REQUIRE(programs.size() == before + 2);  // the projection and the rasteriser
       CHECK(std::ranges::count_if(programs, [](const ProgramUse& use) {
               return use.options.find("-DUBS_ALPHA_MIN=0x1p-5f") != std::string::npos;
             }) == 2);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tests the folder of compiled kernels: it is tested before use, and files that PoCL leaves behind are
-// removed.
+// Tests the folder in which the driver stores compiled kernels. ubs checks before use that the folder can be
+// written, and removes damaged files and files that PoCL no longer needs.
 #include "host/opencl/driver_cache.hpp"
 
 #include <sys/stat.h>
@@ -23,7 +23,7 @@ void put_aged(const fs::path& file, fs::file_time_type::duration age) {
   fs::last_write_time(file, fs::file_time_type::clock::now() - age);
 }
 
-TEST_CASE("PoCL's orphaned files and unused programs are removed, and nothing else") {
+TEST_CASE("old temporary files and unused programs of PoCL are removed, and all other files are kept") {
   const test::TempFolder folder;
   put_aged(folder / "tempfile_old", 1h);
   put_aged(folder / "tempfile_old.so.o", 1h);
@@ -33,7 +33,8 @@ TEST_CASE("PoCL's orphaned files and unused programs are removed, and nothing el
   put_aged(folder / "AB/UNUSED/kernel/1-1-1/kernel.so", 100 * 24h);
   put_aged(folder / "AB/USED/last_accessed", 80 * 24h);
   put_aged(folder / "AB/USED/program.bc", 200 * 24h);
-  put_aged(folder / "CD/EMPTY/program.bc", 200 * 24h);  // in progress: no last_accessed yet
+  // Without last_accessed, as while PoCL still writes the program.
+  put_aged(folder / "CD/EMPTY/program.bc", 200 * 24h);
   opencl::tidy_driver_cache(folder.path());
   CHECK_FALSE(fs::exists(folder / "tempfile_old"));
   CHECK_FALSE(fs::exists(folder / "tempfile_old.so.o"));
@@ -42,7 +43,7 @@ TEST_CASE("PoCL's orphaned files and unused programs are removed, and nothing el
   CHECK_FALSE(fs::exists(folder / "AB/UNUSED"));
   CHECK(fs::exists(folder / "AB/USED/program.bc"));
   CHECK(fs::exists(folder / "CD/EMPTY/program.bc"));
-  // Programs are checked once a day.
+  // Unused programs are removed at most once a day.
   put_aged(folder / "AB/UNUSED/last_accessed", 100 * 24h);
   opencl::tidy_driver_cache(folder.path());
   CHECK(fs::exists(folder / "AB/UNUSED"));
@@ -50,7 +51,7 @@ TEST_CASE("PoCL's orphaned files and unused programs are removed, and nothing el
   CHECK_FALSE(fs::exists(folder / "missing"));
 }
 
-TEST_CASE("a cache folder is created and tested; the temporary one belongs only to this user") {
+TEST_CASE("a cache folder is created and checked, and a temporary one must be accessible only to this user") {
   const test::TempFolder folder;
   CHECK(cache_defect(folder / "a/b").empty());
   CHECK(fs::is_empty(folder / "a/b"));
@@ -71,8 +72,8 @@ TEST_CASE("a cache folder is created and tested; the temporary one belongs only 
   CHECK(temporary_cache().empty());
 }
 
-// Creates files as a power cut leaves them if they were not synchronised.
-TEST_CASE("damaged programs of a kernel cache are removed, and no others") {
+// The files are damaged as after a power cut, when their content had not been written to the disk.
+TEST_CASE("damaged programs of a kernel cache are removed, and intact ones are kept") {
   const test::TempFolder folder;
   const auto make = [&] {
     for (const char* program : {"AB/ONE", "AB/TWO", "CD/THREE"}) {
@@ -82,7 +83,9 @@ TEST_CASE("damaged programs of a kernel cache are removed, and no others") {
     }
   };
   make();
-  CHECK(opencl::heal_driver_cache(folder.path()) == 0);  // another process has written them
+  // Files that were written since the last start of the machine are kept, even if they have not been
+  // recorded.
+  CHECK(opencl::heal_driver_cache(folder.path()) == 0);
   opencl::record_driver_cache(folder.path());
   const fs::path file = folder / "AB/ONE/kernel/1-1-1/kernel.so", code = folder / "CD/THREE/program.bc";
   const auto damage = [&](const fs::path& which, const std::string& content) {
@@ -103,24 +106,24 @@ TEST_CASE("damaged programs of a kernel cache are removed, and no others") {
     bit[700] ^= 1;
     damage(which, bit);
   }
-  test::put(folder / "EF/NEW/program.bc", "");  // never recorded, and empty
+  test::put(folder / "EF/NEW/program.bc", "");  // an empty file is removed even if it was never recorded
   CHECK(opencl::heal_driver_cache(folder.path()) == 1);
-  put_aged(folder / "EF/OLD/program.bc", 10 * 365 * 24h);  // older than the last start of the machine
+  // A file that is older than the last start of the machine and was never recorded is removed.
+  put_aged(folder / "EF/OLD/program.bc", 10 * 365 * 24h);
   CHECK(opencl::heal_driver_cache(folder.path()) == 1);
   CHECK_FALSE(fs::exists(folder / "EF/OLD"));
 
-  // After the machine has been restarted, the content is checked, independently of the times of the files.
   std::string sums = test::get(folder / "sums");
   REQUIRE(sums.find("AB/ONE/program.bc") != std::string::npos);
-  test::put(folder / "sums",
-            sums.substr(0, sums.size() / 2));  // also damaged, so everything is recorded again
+  // If the file with the checksums is damaged, all programs are recorded again.
+  test::put(folder / "sums", sums.substr(0, sums.size() / 2));
   CHECK(opencl::heal_driver_cache(folder.path()) == 0);
   CHECK(test::get(folder / "sums") == sums);
   CHECK(opencl::heal_driver_cache(folder / "missing") == 0);
   CHECK_FALSE(fs::exists(folder / "missing"));
 }
 
-TEST_CASE("each process has its own folder") {
+TEST_CASE("each process has its own temporary cache folder") {
   const fs::path own = process_cache();
   REQUIRE(fs::is_directory(own));
   CHECK((fs::status(own).permissions() & fs::perms::mask) == fs::perms::owner_all);

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tests drivers that terminate the process: ubs prints one line and exits with the code of the cause.
+// Tests what happens if a driver terminates the process. ubs must print one line, and exit with a code that
+// depends on the cause.
 #include "host/opencl/driver_watch.hpp"
 
 #include <fcntl.h>
@@ -20,7 +21,7 @@ namespace ubs {
 namespace {
 
 struct End {
-  int code;  // exit code; -1: ended by a signal
+  int code;  // exit code, or -1 if a signal has ended the process
   std::string err;
 };
 
@@ -32,7 +33,7 @@ End end_of(const std::function<void()>& action) {
   if (child == 0) {
     const int file = ::open((folder / "err").c_str(), O_WRONLY | O_CREAT, 0600);
     ::dup2(file, STDERR_FILENO);
-    std::signal(SIGABRT, SIG_DFL);  // Catch2 has its own handler
+    std::signal(SIGABRT, SIG_DFL);  // removes the handler of Catch2
     action();
     ::_exit(99);
   }
@@ -53,7 +54,7 @@ bool says(const End& end, const std::string& part) {
   return end.err.find("ubs: error: ") != std::string::npos && end.err.find(part) != std::string::npos;
 }
 
-TEST_CASE("if a driver aborts, exits or throws, the message contains the driver and the operation") {
+TEST_CASE("if a driver aborts, exits or throws, the message contains the operation, and the exit code is 4") {
   const test::Variable cache("POCL_CACHE_DIR", nullptr);
   for (const auto& call : {+[] { std::abort(); }, +[] { std::exit(1); }, +[] { throw std::bad_alloc(); }}) {
     const End end = end_of([&] { driver(call); });
@@ -62,7 +63,7 @@ TEST_CASE("if a driver aborts, exits or throws, the message contains the driver 
     CHECK(says(end, "kernel 'adam_step'"));
   }
   CHECK(end_of([] { ::_exit(driver([] {}) == 0 ? 5 : 6); }).code == 5);
-  // Outside of a call, signals have their usual effect.
+  // Outside of a call of the driver, exit() and abort() have their usual effect.
   CHECK(end_of([] {
           driver([] {});
           std::exit(7);
@@ -73,7 +74,7 @@ TEST_CASE("if a driver aborts, exits or throws, the message contains the driver 
         }).code == -1);
 }
 
-TEST_CASE("a driver that runs out of memory gives exit code 6, or 3 if it runs out of disk space") {
+TEST_CASE("the exit code is 6 if a driver runs out of memory, and 3 if it cannot write its cache") {
   const End memory = end_of([] {
     const rlimit limit{std::uint64_t{1} << 20, std::uint64_t{1} << 20};
     setrlimit(RLIMIT_AS, &limit);
@@ -92,7 +93,7 @@ TEST_CASE("a driver that runs out of memory gives exit code 6, or 3 if it runs o
   CHECK(says(disk, (folder / "file").string()));
 }
 
-TEST_CASE("limits of the process are included in the available memory") {
+TEST_CASE("the available memory takes the memory limits of the process into account") {
   CHECK(end_of([] {
           const bool before = process_memory().left == kNoMemoryLimit || memory_limits_text() != "";
           const rlimit limit{std::uint64_t{64} << 30, RLIM_INFINITY};

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tests the selection among devices of several back ends: a card that both CUDA and OpenCL list, and a CPU.
+// Tests the selection of a device if there are several back ends. The devices are a GPU that both CUDA and
+// OpenCL list, and a CPU.
 #include "host/device/registry.hpp"
 
 #include <catch2/catch.hpp>
@@ -32,11 +33,11 @@ TEST_CASE("the rasteriser depends on the vector width, not on the type of the de
   DeviceInfo cpu = kCardAndCpu[1];
   cpu.float_vector_width = 16;
   CHECK(raster_kind("auto", cpu) == RasterKind::cpu);
-  cpu.float_vector_width = 1;  // like llvmpipe
+  cpu.float_vector_width = 1;  // as on the CPU device llvmpipe
   CHECK(raster_kind("auto", cpu) == RasterKind::gpu);
   CHECK(raster_kind("cpu", cpu) == RasterKind::cpu);
   CHECK(raster_kind("auto", kCardAndCpu[0]) == RasterKind::gpu);
-  CHECK_THROWS_AS(raster_kind("cpu", kCardAndCpu[0]), Error);  // CUDA devices only have the rasteriser gpu
+  CHECK_THROWS_AS(raster_kind("cpu", kCardAndCpu[0]), Error);  // CUDA devices have only the rasteriser `gpu`
 }
 
 TEST_CASE("a device is found by index, type, back end and name", "[registry]") {
@@ -45,20 +46,20 @@ TEST_CASE("a device is found by index, type, back end and name", "[registry]") {
   CHECK(chosen("") == 0);
   CHECK(chosen("gpu") == 0);
   CHECK(chosen("H200") == 0);
-  CHECK(chosen("cuda") == 0);  // although it is part of the name of the OpenCL platform
+  CHECK(chosen("cuda") == 0);  // the back end, although the name of an OpenCL platform contains "CUDA"
   CHECK(chosen("CUDA:h200") == 0);
   CHECK(chosen("cpu") == 1);
   CHECK(chosen("portable") == 1);
-  CHECK(chosen("opencl") == 2);  // its first GPU
+  CHECK(chosen("opencl") == 2);  // the first GPU of the back end
   CHECK(chosen("opencl:h200") == 2);
   CHECK(chosen("opencl:cpu") == 1);
   CHECK(chosen("opencl:gpu") == 2);
   CHECK(chosen("2") == 2);
-  CHECK(chosen("opencl:1") == 2);  // its second device
-  CHECK(chosen("200") == 0);       // part of a name
+  CHECK(chosen("opencl:1") == 2);  // the second device of the back end
+  CHECK(chosen("200") == 0);       // a part of the name, because there is no device 200
 }
 
-TEST_CASE("without a request, further devices are tried, GPUs first", "[registry]") {
+TEST_CASE("if the user has selected no device, all devices are candidates, GPUs first", "[registry]") {
   ::unsetenv("UBS_DEVICE");
   using Places = std::vector<std::size_t>;
   CHECK(device_candidates(kCardAndCpu, "") == Places{0, 2, 1});
@@ -68,7 +69,7 @@ TEST_CASE("without a request, further devices are tried, GPUs first", "[registry
   ::unsetenv("UBS_DEVICE");
 }
 
-TEST_CASE("without CUDA, the same requests select OpenCL devices or fail", "[registry]") {
+TEST_CASE("without CUDA devices, a request selects an OpenCL device or is an error", "[registry]") {
   ::unsetenv("UBS_DEVICE");
   const std::vector<DeviceInfo> devices(kCardAndCpu.begin() + 1, kCardAndCpu.end());
   CHECK(choose_device(devices, "") == 1);
@@ -83,7 +84,7 @@ TEST_CASE("without CUDA, the same requests select OpenCL devices or fail", "[reg
   CHECK(!test::message_of([] { choose_device({}, ""); }, ErrorKind::device).empty());
 }
 
-TEST_CASE("UBS_DEVICE selects the device if none is requested", "[registry]") {
+TEST_CASE("UBS_DEVICE selects the device if the user has selected none by option", "[registry]") {
   ::setenv("UBS_DEVICE", "opencl:cpu", 1);
   CHECK(choose_device(kCardAndCpu, "") == 1);
   CHECK(choose_device(kCardAndCpu, "gpu") == 0);
@@ -93,19 +94,19 @@ TEST_CASE("UBS_DEVICE selects the device if none is requested", "[registry]") {
   ::unsetenv("UBS_DEVICE");
 }
 
-TEST_CASE("rasterisers get the option of the spatial kernel, even if they do not support it", "[registry]") {
+TEST_CASE("the option for the spatial kernel is passed to the compiler for every value", "[registry]") {
   const auto options = [](int kernel) {
     return raster_options({.variant = {.kernel = static_cast<SpatialKernel>(kernel)}});
   };
   CHECK(options(0) == Options{});
   CHECK(options(1) == Options{"-DUBS_FALLOFF=1"});
-  CHECK(options(2) == Options{"-DUBS_FALLOFF=2"});  // kernels/variant.h rejects it
+  CHECK(options(2) == Options{"-DUBS_FALLOFF=2"});  // not a value of SpatialKernel
 }
 
-TEST_CASE("entries of the same card are recognised by its PCI address", "[registry]") {
+TEST_CASE("devices with the same PCI address are recognised as the same GPU", "[registry]") {
   std::vector<DeviceInfo> devices(5);
   devices[0].pci = devices[3].pci = "0000:1b:00.0";
-  devices[1].pci = "0000:1c:00.0";  // the other two report no address
+  devices[1].pci = "0000:1c:00.0";  // devices 2 and 4 have no address
   CHECK(same_card(devices, 0) == 0);
   CHECK(same_card(devices, 1) == 1);
   CHECK(same_card(devices, 3) == 0);

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Tests that the files of a room (a folder of the code) only include headers that docs/architecture.md
-// allows: no headers of the rooms above it, and no headers of a back end. No two headers have one name.
+// allows: no headers of the rooms above it, and no headers of a back end. Also tests that no two headers have
+// the same name, and which atomic functions kernels use.
 #include <catch2/catch.hpp>
 #include <filesystem>
 #include <fstream>
@@ -48,7 +49,7 @@ TEST_CASE("files of a room only include headers that their room may include") {
       const std::string extension = entry.path().extension().string();
       if (extension != ".cpp" && extension != ".hpp" && extension != ".cu") continue;
       const std::string name = fs::relative(entry.path(), UBS_SOURCE_DIR).generic_string();
-      if (name == "host/device/registry.cpp") continue;  // the list of back ends
+      if (name == "host/device/registry.cpp") continue;  // this file lists all back ends
       const std::string room = room_of(name);
       REQUIRE(kMayInclude.contains(room));
       const std::string allowed = " " + room + " " + kMayInclude.at(room) + " ";

@@ -35,7 +35,7 @@ Texts found_in(const std::string& text, const char* pattern) {
 
 std::set<std::string> set_of(const Texts& texts) { return {texts.begin(), texts.end()}; }
 
-// Returns the part of the text between two texts, both of which it must contain.
+// Returns the part of the text between `begin` and `end`. The text must contain both.
 std::string between(const std::string& text, std::string_view begin, std::string_view end) {
   const std::size_t first = text.find(begin);
   REQUIRE(first != std::string::npos);
@@ -44,7 +44,7 @@ std::string between(const std::string& text, std::string_view begin, std::string
   return text.substr(first + begin.size(), last - first - begin.size());
 }
 
-// Returns the cells of the Markdown table whose first line starts with `head`, without the two head lines.
+// Returns the rows of the Markdown table whose first line starts with `head`, without its two header lines.
 std::vector<Texts> table_of(const char* page, std::string_view head) {
   std::ifstream file(kRoot / page);
   std::vector<Texts> rows;

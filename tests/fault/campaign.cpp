@@ -18,7 +18,8 @@ namespace fs = std::filesystem;
 constexpr const char* kForeign[] = {"mine.txt", "renders/mine.png", "other/mine.csv"};
 
 bool is_temporary(const std::string& path) { return path.find("tmp-") != std::string::npos; }
-// Returns whether the path is that of a list or a lock, which are not results.
+// Returns whether the path is that of a list of outputs or of a lock. ubs writes these files, but they are
+// not results.
 bool is_own_trace(const std::string& path) { return path.find(".ubs-") != std::string::npos; }
 
 Snapshot snapshot(const fs::path& folder) {
@@ -78,7 +79,7 @@ class Campaign {
     if (with_old && !scenario_.before.empty())
       fs::copy(folder_ / "before", folder_ / "out", fs::copy_options::recursive);
     for (const char* name : kForeign) put(folder_ / "out" / name, name);
-    if (scenario_.disk != nullptr) scenario_.disk->sync();  // old files are already on the disk
+    if (scenario_.disk != nullptr) scenario_.disk->sync();  // the existing files survive a power cut
   }
 
   std::string command_line(const std::string& arguments) const {
@@ -90,7 +91,7 @@ class Campaign {
                          seen_);
   }
 
-  // Returns the files without foreign and temporary ones.
+  // Returns the files in out/, except foreign and temporary files, lists of outputs and locks.
   Snapshot results() const {
     Snapshot files = snapshot(folder_ / "out");
     for (const char* name : kForeign) files.erase(name);
@@ -113,7 +114,7 @@ class Campaign {
 
   // A file with the name of a result must be the old or the new result.
   void check_whole(const std::string& path, const std::string& bytes) const {
-    if (path == "log.csv") return;  // grows line by line
+    if (path == "log.csv") return;  // this file grows line by line
     if (!scenario_.unfinished.empty() && path.find(scenario_.unfinished) != std::string::npos) return;
     if (path == "checkpoint.ubs") {
       CHECK_NOTHROW(read_checkpoint(folder_ / "out" / path));
@@ -151,7 +152,7 @@ class Campaign {
       CHECK((is_documented || (signalled && run.code == 130)));
       if (run.code != 1) CHECK(error_lines(run.err) == (run.code == 0 || run.code == 130 ? 0 : 1));
       if (run.code == 3) CHECK(run.err.find("std::") == std::string::npos);
-      // Files that cannot be removed remain.
+      // If a call that removes a file fails, the temporary file may remain.
       if ((kind.calls & remove_calls) == 0 && !killing) CHECK(temporaries() == 0);
     }
     // The results of an interrupted run are neither old nor new. The check below shows that the run can be
@@ -177,7 +178,7 @@ class Campaign {
       CHECK((now.at(path) == bytes));
     }
     for (const auto& [path, bytes] : now)
-      if (!new_.contains(path) && !old_.contains(path)) FAIL_CHECK(path << ": unexpected");
+      if (!new_.contains(path) && !old_.contains(path)) FAIL_CHECK(path << ": this file must not exist");
   }
 
   const TempFolder& folder_;

@@ -22,17 +22,17 @@ using Snapshot = std::map<std::string, std::string>;  // path below the folder, 
 struct Scenario {
   std::string command;              // arguments of ubs; its results are below out/
   std::string before = {};          // arguments of a run that creates older results; empty: no such run
-  std::string watched = "out";      // folder whose calls are disturbed
+  std::string watched = "out";      // folder; calls on its files are disturbed
   std::string environment = {};     // "NAME=value", for env
   std::string emptied = {};         // folder that is deleted before every run; may be empty
   std::vector<int> codes = {0, 3};  // exit codes that faults may cause
   // Files whose path contains this text are work in progress: they are not checked before the work is
   // completed.
   std::string unfinished = {};
-  bool has_children = false;  // processes that can be killed while the command continues
-  bool keeps_at_signal =
-      false;  // a signal stops it in a controlled way between the first and the last change of a result
-  bool best_effort = false;  // may end with 0 and a warning if a result is missing
+  bool has_children = false;  // the command starts processes, and continues if one of them is killed
+  // Between the first and the last change of a result, the command handles a signal, and is not ended by it.
+  bool keeps_at_signal = false;
+  bool best_effort = false;  // the command may end with code 0 and a warning if a result is missing
   // Returns the arguments that complete the work after `run`. If empty, the command is repeated.
   std::function<std::string(const TempFolder&)> complete = {};
   LoopDisk* disk = nullptr;  // disk that is mounted at out/; may be null
@@ -40,6 +40,8 @@ struct Scenario {
   std::function<std::string(const std::string& path, const std::string& bytes)> common = {};
 };
 
+// A kind of fault, and the kinds of calls at which it is introduced. The comments of Fault describe action,
+// number and lasting.
 struct FaultKind {
   const char* name;
   unsigned calls;
@@ -49,19 +51,20 @@ struct FaultKind {
   bool power_cut = false;  // like a kill, but data that were not synchronised are also lost; needs a disk
 };
 
-// The faults are a full disk, a broken disk, EINTR, short writes, and missing permissions.
+// Returns faults of writing: a full disk, a broken disk, EINTR, short writes, and missing permissions.
 const std::vector<FaultKind>& writing_faults();
 const std::vector<FaultKind>& reading_faults();
 const std::vector<FaultKind>& kills();
 const std::vector<FaultKind>& power_cuts();
 const std::vector<FaultKind>& signals();
 
-// Returns the error lines of ubs on stderr. Other lines are warnings, progress, or messages of libraries.
+// Returns the number of error lines of ubs on stderr. Other lines are warnings, progress, or messages of
+// libraries.
 int error_lines(const std::string& err);
 
-// `folder` contains the inputs. Runs the command at most `most` times for each kind of fault, at calls that
-// are spread evenly, or for all calls with UBS_TEST_ALL=1. Returns the number of runs, and prints it with the
-// name of the scenario.
+// Runs the command of the scenario with faults. `folder` contains the inputs. For each kind of fault, the
+// command runs at most `most` times, with the fault at calls that are spread evenly. With UBS_TEST_ALL=1, it
+// runs for every call. Returns the number of runs, and prints it with the name of the scenario.
 int attack(const TempFolder& folder, const std::string& name, const Scenario& scenario,
            const std::vector<FaultKind>& faults, int most);
 

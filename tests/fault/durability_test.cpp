@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tests the effects of power cuts, kills and full disks for every command that writes files, by the order of
-// its system calls. Data are on the disk after they have been synchronised. A name is on the disk after its
-// folder has been synchronised.
+// Tests that power cuts, kills and full disks destroy no results. For power cuts, the tests check the order
+// of the system calls of every command that writes files: data are on the disk after they have been
+// synchronised, and a name is on the disk after its folder has been synchronised.
 #include <algorithm>
 #include <cerrno>
 #include <nlohmann/json.hpp>
@@ -168,7 +168,8 @@ TEST_CASE("durability: a run that is killed at any rename or removal can be comp
     if (!done) ubs_ok(folder, kept ? "train --resume run --quiet" : start);
     check_same_run(folder / "run", folder / "whole");
   }
-  CHECK(resumed >= 4);  // the last checkpoint, model, metrics, two renders
+  // A checkpoint exists at least while the model, the metrics and the two renders are renamed.
+  CHECK(resumed >= 4);
 }
 
 // Returns the number, among all calls of these kinds, of the first call for which `wanted` returns true.

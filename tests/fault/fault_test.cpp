@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tests the state that commands leave if the disk is full or broken, or if they are killed or interrupted, at
-// every system call on their results and inputs (campaign.hpp). By default, a sample of the calls is tested;
-// with UBS_TEST_ALL=1, all of them. test_fault "[long]" tests further commands and file systems, which takes
-// minutes.
+// Tests the files that remain after a command was disturbed: the disk is full or broken, or the command is
+// killed or interrupted (campaign.hpp). The disturbance happens at a system call on its results or inputs. By
+// default, a sample of these calls is tested. With UBS_TEST_ALL=1, all of them are tested.
+// test_fault "[long]" tests further commands and file systems, which takes minutes.
 #include <algorithm>
 #include <csignal>
 #include <fstream>
@@ -37,6 +37,8 @@ std::vector<FaultKind> both(std::vector<FaultKind> faults, const std::vector<Fau
   return faults;
 }
 
+// The pack command must leave the old file or the complete new file. A page in docs/results uses the name of
+// this test.
 TEST_CASE("faults: pack") {
   REQUIRE(can_trace());
   const TempFolder folder;
@@ -48,7 +50,7 @@ TEST_CASE("faults: pack") {
   attack(folder, "pack, reading", scenario, reading_faults(), 2);
 }
 
-TEST_CASE("faults: convert, also with an older output file") {
+TEST_CASE("faults: convert leaves the old file or the complete new file") {
   REQUIRE(can_trace());
   const TempFolder folder;
   synthesise(folder);
@@ -77,8 +79,7 @@ Scenario training() {
           .common = without_times};
 }
 
-TEST_CASE(
-    "faults: train; a signal between the first and the last change of a file stops it in a controlled way") {
+TEST_CASE("faults: train can be completed, and a signal while it changes files ends it in a controlled way") {
   REQUIRE(can_trace());
   const TempFolder folder;
   synthesise(folder);
@@ -89,7 +90,7 @@ TEST_CASE(
   attack(folder, "train, reading", scenario, reading_faults(), 1);
 }
 
-TEST_CASE("faults: render") {
+TEST_CASE("faults: render leaves only complete images, and can be repeated") {
   REQUIRE(can_trace());
   const TempFolder folder;
   synthesise(folder);
@@ -98,8 +99,8 @@ TEST_CASE("faults: render") {
   attack(folder, "render, disk and killed", scenario, both(writing_faults(), kills()), 1);
 }
 
-// Tests longer commands, and all calls of the shorter ones.
-TEST_CASE("faults: the other commands", "[.long]") {
+// These commands take longer, or use the same code as the commands above.
+TEST_CASE("faults: the other commands leave old files or complete new files", "[.long]") {
   REQUIRE(can_trace());
   const TempFolder folder;
   synthesise(folder);
@@ -126,7 +127,7 @@ TEST_CASE("faults: the other commands", "[.long]") {
   }
 }
 
-TEST_CASE("faults: tune, accuracy", "[.long]") {
+TEST_CASE("faults: tune and accuracy leave old files or complete new files", "[.long]") {
   REQUIRE(can_trace());
   const TempFolder folder;
   synthesise(folder);
@@ -144,7 +145,7 @@ TEST_CASE("faults: tune, accuracy", "[.long]") {
          1);
 }
 
-TEST_CASE("faults: the cache of compiled kernels", "[.long]") {
+TEST_CASE("faults: a command works although writing the cache of compiled kernels failed before", "[.long]") {
   REQUIRE(can_trace());
   const TempFolder folder;
   synthesise(folder);
@@ -154,7 +155,7 @@ TEST_CASE("faults: the cache of compiled kernels", "[.long]") {
                          .environment = fmt::format("UBS_KERNEL_CACHE='{}'", (folder / "cache").string()),
                          .emptied = "cache",
                          .codes = {0, 3, 4},
-                         .has_children = true,  // PoCL's linker
+                         .has_children = true,  // PoCL starts a linker
                          .best_effort = true};
   attack(folder, "kernel cache, disk", kernels, writing_faults(), 2);
   attack(folder, "kernel cache, killed", kernels, kills(), 3);
@@ -233,7 +234,7 @@ TEST_CASE("power cuts: reported results remain, and unfinished work can be compl
   attack(folder, "train, power cut", scenario, power_cuts(), 2);
 }
 
-TEST_CASE("other file systems: without case sensitivity, links, permissions or locks", "[.long]") {
+TEST_CASE("killed commands can be completed on exFAT, Btrfs, XFS and NTFS", "[.long]") {
   REQUIRE(LoopDisk::possible());
   const TempFolder folder;
   synthesise(folder);

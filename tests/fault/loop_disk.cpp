@@ -29,7 +29,7 @@ LoopDisk::~LoopDisk() {
   try {
     unmount();
   } catch (...) {
-    WARN(mount_point_ << " stays mounted");
+    WARN(mount_point_ << " could not be unmounted");
   }
 }
 

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Test support: a file system in a file, which is mounted as long as the object exists. A copy of the file
-// does not contain data that the kernel has not written yet, as after a power cut (ext4 replays its journal
-// when the copy is mounted). Requires root and loop devices.
+// Test support: LoopDisk is a file system in a file. It is mounted as long as the object exists. A copy of
+// the file has the state of a disk after a power cut, because it does not contain data that the kernel has
+// not written yet. When the copy is mounted, ext4 replays its journal. LoopDisk requires root and loop
+// devices.
 #pragma once
 
 #include <filesystem>
@@ -21,7 +22,7 @@ class LoopDisk {
   static bool possible();
 
   void format();     // creates an empty file system and mounts it
-  void sync();       // writes everything to the disk
+  void sync();       // makes the kernel write all data to the disk
   void cut_power();  // replaces the disk by a mounted copy in its state after a power cut
 
  private:

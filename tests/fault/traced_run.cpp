@@ -81,9 +81,9 @@ constexpr Known kKnown[] = {
     {SYS_flock, "flock", lock_calls, Names::file},
 };
 
-// The kernel stops a thread at those calls of the table that are requested, and not at any other call.
-// Loading a program opens and maps thousands of files for reading only. The filter lets them pass, based on
-// their flags.
+// Returns a seccomp filter that makes the kernel stop a thread at those calls of the table whose kinds are in
+// `seen`, and at no other call. When a program is loaded, thousands of files are opened or mapped for reading
+// only. The filter recognises these calls by their flags, and lets them pass.
 std::vector<sock_filter> filter(unsigned seen) {
   const auto statement = [](unsigned code, unsigned k) {
     return sock_filter{static_cast<unsigned short>(code), 0, 0, k};
@@ -214,8 +214,8 @@ bool open_for_writing(pid_t thread, Word file) {
 
 bool writes(Word flags) { return (flags & O_ACCMODE) != O_RDONLY || (flags & (O_CREAT | O_TRUNC)) != 0; }
 
-// Returns whether the call is of interest, independently of its path, and sets its kind according to its
-// arguments.
+// Returns the kind of the call according to its arguments. Returns nothing if calls with these arguments are
+// not recorded for any path.
 std::optional<CallKind> kind_of(pid_t thread, const Known& known, const user_regs_struct& regs) {
   switch (known.number) {
     case SYS_open:
@@ -240,7 +240,7 @@ std::optional<CallKind> kind_of(pid_t thread, const Known& known, const user_reg
   }
 }
 
-// Reduces the call to half of its bytes, or a vector to its first part.
+// Changes the call so that it transfers only half of its bytes, or half of the first part if it has a vector.
 void shorten(pid_t thread, user_regs_struct& regs) {
   if (regs.orig_rax == SYS_writev || regs.orig_rax == SYS_readv) {
     Word part[2] = {};
@@ -248,7 +248,7 @@ void shorten(pid_t thread, user_regs_struct& regs) {
     regs.orig_rax = regs.orig_rax == SYS_writev ? SYS_write : SYS_read;
     regs.rsi = part[0];
     regs.rdx = part[1];
-    if (part[1] == 0) return;  // for an empty first part, 0 bytes are written, which is correct
+    if (part[1] == 0) return;  // transferring 0 bytes of an empty first part is a correct result
   }
   regs.rdx = (regs.rdx + 1) / 2;
 }
@@ -266,7 +266,7 @@ class Tracer {
     std::vector<sock_filter> instructions = filter(seen);
     const sock_fprog program{static_cast<unsigned short>(instructions.size()), instructions.data()};
     root_ = fork();
-    if (root_ < 0) throw std::runtime_error("fork failed");
+    if (root_ < 0) throw std::runtime_error("fork() failed, so the command was not started");
     if (root_ == 0) become_traced(program, script.c_str());
     int status = 0;
     waitpid(root_, &status, 0);
@@ -369,7 +369,7 @@ class Tracer {
     run_.struck = true;
     switch (fault_->action) {
       case Fault::fail:
-        regs.orig_rax = static_cast<Word>(-1);  // no call is made
+        regs.orig_rax = static_cast<Word>(-1);  // with this number, the kernel makes no call
         regs.rax = static_cast<Word>(-fault_->number);
         ptrace(PTRACE_SETREGS, thread, 0, &regs);
         break;

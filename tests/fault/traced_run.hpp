@@ -5,9 +5,9 @@
 // The calls are intercepted by ptrace with a seccomp filter, at the boundary of the kernel. A preloaded
 // library would miss internal calls of libc, libstdc++ and OpenCV (fwrite, ofstream, and rename in
 // std::filesystem need not use the symbols that it replaces), and the compiler that PoCL starts. This method
-// misses no call: threads and child processes are followed, io_uring is disabled, shared writable mappings of
-// files count as writes, and calls that are not in the table run at full speed. It requires Linux on x86-64.
-// If tracing is not permitted, can_trace() returns false.
+// misses no call: threads and child processes are followed, io_uring is disabled, and shared writable
+// mappings of files count as writes. Calls that are not in the table run at full speed. The method requires
+// Linux on x86-64. If tracing is not permitted, can_trace() returns false.
 //
 //   const TracedRun clean = trace_ubs(folder, "pack data --out out/F.ubsd", folder / "out");
 //   for (const Call& call : clean.calls) ...  // in their order: open, write, sync, rename, ...
@@ -55,7 +55,7 @@ struct Fault {
   enum Action { fail, shorten, kill_before, kill_after, signal };
 
   unsigned kinds;  // bits of CallKind; calls of these kinds are counted together
-  int nth;         // from 1
+  int nth;         // number of the call at which the fault happens, counted from 1
   Action action;
   int number =
       0;  // fail: errno. signal: number of the signal, which is sent to the started process before the call
@@ -63,10 +63,10 @@ struct Fault {
 };
 
 struct TracedRun {
-  int code;     // exit code; -1: ended by a signal
-  int signal;   // signal that ended it; 0: none
-  bool hung;    // killed after the time limit
-  bool struck;  // the fault happened
+  int code;     // exit code of the command; -1: it was ended by a signal
+  int signal;   // signal that ended the command; 0: none
+  bool hung;    // whether the command was killed after the time limit
+  bool struck;  // whether the fault happened
   std::string out, err;
   std::vector<Call> calls;
 
@@ -75,9 +75,10 @@ struct TracedRun {
 
 bool can_trace();
 
-// Runs the shell command `command` in `folder`, where stdout.txt and stderr.txt remain. `watched` need not
-// exist yet. Waits for child processes that outlive the command. A kill terminates the process that made the
-// call. `seen` are the recorded kinds of calls; a process starts faster if reading calls are excluded.
+// Runs the shell command `command` in `folder`, and records its calls on files in the folder `watched`, which
+// need not exist yet. Writes its output to stdout.txt and stderr.txt in `folder`. Waits for child processes
+// that outlive the command. A kill terminates the process that made the call. `seen` are the kinds of calls
+// that are recorded. A process starts faster if reading calls are excluded.
 TracedRun trace_command(const TempFolder& folder, const std::string& command,
                         const std::filesystem::path& watched, const std::optional<Fault>& fault = {},
                         int limit_seconds = 120, unsigned seen = all_calls);

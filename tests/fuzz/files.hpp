@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Functions that all fuzz targets use. The readers of ubs take paths, so a target writes the bytes of its
-// input to files in a folder of its process. This folder is in memory if the system has /dev/shm.
+// Defines the functions that all fuzz targets use. The readers of ubs take paths, so a target writes the
+// bytes of its input to files in a folder of its process. This folder is in memory if the system has
+// /dev/shm.
 #pragma once
 
 #include <unistd.h>
@@ -75,7 +76,7 @@ inline Data take_block(Data& d) {
   return taken;
 }
 
-// Defined in targets_media.cpp and targets_run.cpp.
+// These functions are defined in targets_media.cpp and targets_run.cpp.
 void run_image(Data d);
 void run_video(Data d);
 void run_checkpoint(Data d);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The entry point of libFuzzer for the target UBS_FUZZ_TARGET (a number). If UBS_FUZZ_SEEDS is set to a
-// folder, the seeds are written to it once at the start.
+// Defines the entry points of libFuzzer for the target with the number UBS_FUZZ_TARGET. If the environment
+// variable UBS_FUZZ_SEEDS contains a folder, the program writes the seeds to this folder when it starts.
 #include <cstdlib>
 #include <fstream>
 

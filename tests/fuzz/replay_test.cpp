@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Runs the fuzz targets without a fuzzer in every build: with the seeds, and with systematic damage to them
-// (truncated at up to 60 positions, bytes replaced by three values, and counts made huge).
+// Runs the fuzz targets in every build, without a fuzzer. The inputs are the seeds, and seeds with systematic
+// damage at about 60 positions: they are truncated there, a byte is replaced by three other values, or eight
+// bytes are replaced by 0xff, which makes counts huge.
 #include <catch2/catch.hpp>
 
 #include "tests/fuzz/targets.hpp"

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The fuzz targets for splat files, data sets and weights. Those for images, videos and files of runs are in
-// other files of this folder.
+// Implements the fuzz targets for splat files, data sets and weights. The targets for images, videos and
+// files of runs are in other files of this folder.
 #include "tests/fuzz/targets.hpp"
 
 #include <cstring>
@@ -112,8 +112,8 @@ std::vector<std::string> seed_ubsz() {
   return seeds;
 }
 
-// One target for the payload inside gzip, for version 4, and for gzip itself. The first byte selects the
-// kind.
+// If the first byte is even, the rest of the input is the content of an SPZ file without gzip. Otherwise, it
+// is a complete file, which is compressed with gzip or has version 4.
 void run_spz(Data d) {
   if (d.empty()) return;
   if (d[0] % 2 == 0) {
@@ -193,7 +193,7 @@ std::vector<std::string> seed_sog() {
 }
 
 // The input is the tree of a streamed SOG, or, if the first byte is odd, the meta.json of one of its folders.
-// The images are intact, because the previous target damages images.
+// The images are intact, because the target of run_sog() tests damaged images.
 void run_streamed_sog(Data d) {
   if (d.empty()) return;
   static const std::vector<std::pair<std::string, std::vector<std::byte>>> members = [] {
@@ -331,8 +331,8 @@ std::vector<std::string> seed_safetensors() {
   return {file};
 }
 
-// The input consists of the length of the header (2 bytes), the header and the blocks. The preamble is
-// created here, because no fuzzer finds the checksum of the header.
+// The input consists of the length of the header (2 bytes), the header and the blocks. This function creates
+// the preamble, because a fuzzer cannot guess the checksum of the header.
 void run_packed(Data d) {
   if (d.size() < 2) return;
   const std::size_t length = std::min<std::size_t>(d[0] + 256u * d[1], d.size() - 2);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The fuzz targets. Each target opens a block of bytes as the content of a file. An Error is a correct
+// Lists the fuzz targets. Each target opens a block of bytes as the content of a file. An Error is a correct
 // result. Any other exception, and every report of a sanitizer, is a defect.
 #pragma once
 
@@ -14,7 +14,7 @@ namespace ubs::fuzz {
 struct Target {
   const char* name;
   void (*run)(std::span<const std::uint8_t> data);
-  std::vector<std::string> (*seeds)();  // small valid files, created here
+  std::vector<std::string> (*seeds)();  // returns small valid inputs
 };
 
 std::span<const Target> targets();

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The fuzz targets for images, videos and masks. They decode files with OpenCV, TurboJPEG and libpng, and
-// process them up to the image that training uses.
+// Implements the fuzz targets for images, videos and masks. They decode files with OpenCV, TurboJPEG and
+// libpng, and process them up to the image that training uses.
 #include <fcntl.h>
 #include <unistd.h>
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The fuzz targets for files of runs, camera paths and arrays.
+// Implements the fuzz targets for checkpoints, files in the folder of a run, and camera paths.
 #include <cstring>
 
 #include "host/api/keyframes.hpp"
@@ -11,8 +11,8 @@
 
 namespace ubs::fuzz {
 
-// The input is the header as a block, followed by numbers. The preamble and the checksum are created here,
-// because no fuzzer finds them.
+// The input is the header as a block, followed by numbers. This function creates the preamble and the
+// checksum, because a fuzzer cannot guess them.
 void run_checkpoint(Data d) {
   const Data header = take_block(d);
   std::string file = "UBSCKPT\n";
@@ -39,7 +39,7 @@ std::vector<std::string> seed_checkpoint() {
   return {block(file.substr(16, length)) + file.substr(16 + length, file.size() - 20 - length)};
 }
 
-// The input has one block each for metrics.json, log.csv and config.yaml.
+// The input consists of three blocks, which are the contents of metrics.json, log.csv and config.yaml.
 void run_run_folder(Data d) {
   for (const char* name : {"run/metrics.json", "run/log.csv", "run/config.yaml"}) {
     fs::create_directories(folder() / "run");

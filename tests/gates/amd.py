@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Checks registers and scratch memory of the OpenCL kernels on AMD cards, compiled by clang for amdgcn with ROCm's
-device libraries."""
+"""Checks how many registers and how much scratch memory the OpenCL kernels need on AMD GPUs. The kernels are compiled
+by clang for amdgcn with the device libraries of ROCm."""
 
 import re
 
@@ -13,7 +13,8 @@ NARROW = re.compile(r"^\s+(?:global|flat|buffer)_(?:load|store)_(?:dword|[us]?by
 
 
 def kernels_of(assembly):
-    """Returns {kernel: figures} from the metadata, and the accesses to global memory in the code."""
+    """Returns {kernel: figures}. The figures are those of the metadata, and the numbers of accesses to global memory in
+    the code."""
     found = {}
     for part in assembly.split("\n  - .")[1:]:  # an entry of amdhsa.kernels
         name = re.search(r"^\s+\.name:\s+(\w+)$", part, re.M)
@@ -35,7 +36,7 @@ def main():
     if not clang:
         gate.skip("clang", "install clang-15")
     if not libraries:
-        gate.skip("ocml.bc of ROCm's device libraries", "install rocm-device-libs (tools/setup.sh gates)")
+        gate.skip("ocml.bc of ROCm's device libraries", "install rocm-device-libs, or run tools/setup.sh gates")
     tables = []
     with gate.scratch_folder() as scratch:
         for card in ("gfx1030", "gfx90a"):

@@ -1,21 +1,22 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Contains upper bounds of the figures of each kernel, by target. A bound is slightly larger than the value that was
-observed on 2026-11-21 (docs/results), so that another minor version of a compiler passes. If a figure improves, lower
-its bound. Scratch, stack and spills without a bound must be 0. Those of a rasteriser never get a bound.
+"""Contains upper bounds for the figures of each kernel, by target. A bound is slightly larger than the value that was
+observed on 2026-11-21 (docs/results), so that other minor versions of a compiler also pass. If a figure improves, lower
+its bound. Scratch, stack and spills without a bound must be 0. For rasterisers, these figures never have a bound.
 
-    vgpr, registers          registers per work-item
-    scratch, stack, private  bytes of memory per work-item (Xe: per thread)
-    spill                    AMD: spilled registers; other targets: bytes
-    instructions             instructions of the whole kernel
-    visit                    instructions of the loop that processes one splat at one pixel
-    narrow                   loads and stores of one word or less in global memory"""
+    vgpr, registers          number of registers per work-item
+    lds                      bytes of local memory per work-group
+    scratch, stack, private  bytes of memory per work-item (on Xe: per thread)
+    spill                    number of spilled registers on AMD; bytes of spilled registers on other targets
+    instructions             number of instructions of the whole kernel
+    visit                    number of instructions of the loop that processes one splat at one pixel
+    narrow                   number of instructions that load or store one word of global memory or less"""
 
 BOUNDS = {
     # clang 15.0.6, ROCm's device libraries 5.2.3
     "gfx1030": {
-        # Observed: 126. It was 124 before the Newton step for 1/z (2026-11-28), and 112 before the computation of a
-        # splat became independent of its neighbours (2026-11-26). Registers are allocated in blocks of eight, so the
-        # occupancy is the same from 121 to 128.
+        # The observed number of registers is 126. It was 124 before the Newton step for 1/z was added (2026-11-28), and
+        # 112 before the results of a splat became independent of its neighbours (2026-11-26). Registers are allocated
+        # in blocks of eight, so the occupancy is the same for 121 to 128 registers.
         "project_forward": {"vgpr": 128, "narrow": 44},
         "project_backward": {"vgpr": 256, "narrow": 150},
         "raster_gpu_forward": {"vgpr": 96, "lds": 12288, "narrow": 14},
@@ -38,8 +39,8 @@ BOUNDS = {
     "opencl_sm_90": {
         "project_forward": {"registers": 168, "instructions": 6330, "narrow": 64},
         "project_backward": {"registers": 255, "instructions": 11000, "narrow": 165},
-        # Long lists are rendered in segments (2026-11-27), which needs 64 unrolled loads of the transmittances in front
-        # of a segment.
+        # Since 2026-11-27, long lists are rendered in parts (kernels/gpu/list_parts.h). This needs an unrolled loop
+        # with 64 loads of the transmittances in front of a part.
         "raster_gpu_forward": {"registers": 64, "instructions": 1600, "visit": 56, "narrow": 76},
         "raster_gpu_backward": {"registers": 48, "instructions": 820, "visit": 148, "narrow": 12},
         "sum_slots_scalar": {"registers": 36, "instructions": 370, "narrow": 34},
@@ -54,7 +55,7 @@ BOUNDS = {
         "raster_gpu_backward": {"registers": 48, "visit": 136, "narrow": 13},
         "measure_weights": {"registers": 36, "visit": 136, "narrow": 20},
         "sum_slots_scalar": {"registers": 36, "instructions": 420, "narrow": 34},
-        # Observed on 2026-11-28.
+        # The values of the following kernels were observed on 2026-11-28.
         "loss_window": {"registers": 52, "instructions": 1340, "narrow": 20},
         "loss_window, masked": {"registers": 52, "instructions": 1440, "narrow": 28},
         "loss_gradient": {"registers": 44, "instructions": 690, "narrow": 48},
@@ -64,6 +65,6 @@ BOUNDS = {
         "project_forward": {"registers": 128, "instructions": 4930, "narrow": 64},
         "project_backward": {"registers": 240, "instructions": 10080, "narrow": 200},
     },
-    # ocloc 22.43 of intel-opencl-icd with its graphics compiler; project.cl with 256 registers per thread.
+    # ocloc 22.43 of intel-opencl-icd with its graphics compiler. project.cl is compiled with 256 registers per thread.
     "xe_dg2": {"project_backward": {"spill": 0}},
 }

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Checks the number of instructions of the visit loops, and accesses to global memory, of the CUDA kernels for sm_90.
-Also checks that both rasterisers compute the transmittance with the same arithmetic on every architecture."""
+"""Checks the registers, spills, instructions and accesses to global memory of the CUDA kernels for sm_90. Also checks
+that the forward and the backward rasteriser compute the transmittance with the same arithmetic on every
+architecture."""
 
 from collections import Counter
 
@@ -16,8 +17,9 @@ ARCHITECTURES = [75, 80, 86, 90, 120]
 
 
 def unlike_transmittances(nvcc, nvdisasm, scratch):
-    """Returns the architectures on which the two rasterisers do not compute the transmittance behind a splat with the
-    same instructions. There, the gradient would be that of another image."""
+    """Returns the architectures on which the forward and the backward rasteriser do not compute the transmittance after
+    a splat with the same instructions. On such an architecture, the gradient would not be that of the rendered
+    image."""
     root, bad = gate.KERNELS.parent, []
     for architecture in ARCHITECTURES:
         binary = f"{scratch}/raster.cubin"
@@ -26,17 +28,18 @@ def unlike_transmittances(nvcc, nvdisasm, scratch):
         functions = sass.functions(gate.run([nvdisasm, "-c", binary]))
         found = {kernel: set().union(*(sass.transmittances(code) for name, code in functions.items() if kernel in name))
                  for kernel in ("raster_gpu_forward", "raster_gpu_backward")}
-        # The forward kernel blends several splats one after the other, so after the last one it has computed the
-        # transmittance of all of them.
+        # The loop of the forward kernel blends several splats one after the other. The longest entry is that of the
+        # transmittance after the last of these splats, which contains the arithmetic of all of them.
         forward, backward = max(found["raster_gpu_forward"], key=len), min(found["raster_gpu_backward"], key=len)
         splats = forward.count("MUFU.EX2")
         counts = ", ".join(f"{n} {opcode}" for opcode, n in Counter(forward).items())
-        print(f"sm_{architecture}: transmittance in forward, of {splats} splats: {counts}")
-        # Contraction replaces FMUL and FADD by FFMA. FADD is not compared, because for a loop that the compiler has
-        # rotated, the analysis also counts an FADD of the previous splat.
+        print(f"sm_{architecture}: the forward rasteriser computes the transmittance of {splats} splats with {counts}")
+        # If the compiler contracts operations in only one kernel, FFMA replaces FMUL and FADD there. FADD is not
+        # compared, because for a loop that the compiler has rotated, the analysis also counts an FADD of the previous
+        # splat.
         unlike = [name for name in {*forward, *backward} - {"FADD"} if forward.count(name) != splats * backward.count(name)]
         if len(found["raster_gpu_backward"]) != 1 or unlike:
-            print(f"FAILED: sm_{architecture}: transmittance in backward {sorted(found['raster_gpu_backward'])}")
+            print(f"FAILED: sm_{architecture}: the backward rasteriser uses {sorted(found['raster_gpu_backward'])}")
             bad.append(architecture)
     return bad
 
@@ -58,12 +61,12 @@ def main():
                 resources = sass.resources(log)
                 for mangled, code in sass.functions(gate.run([nvdisasm, "-c", binary])).items():
                     kernel = next((k for k in sorted(kernels, key=len, reverse=True) if f"{len(k)}{k}" in mangled), None)
-                    if kernel:  # the masked variant of the loss is in a namespace of that name
+                    if kernel:  # the loss kernels with a mask are in the namespace `masked`
                         kernel += ", masked" if "6masked" in mangled else ""
                         table.add(kernel, {**resources[mangled], **sass.counts(code)}, n)
         unlike = unlike_transmittances(nvcc, nvdisasm, scratch)
     if unlike:
-        table.bad.append(f"transmittance of forward and backward on sm_{unlike}")
+        table.bad.append(f"forward and backward rasteriser compute the transmittance differently on sm_{unlike}")
     gate.finish([table])
 
 

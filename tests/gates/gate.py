@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Functions that the gates of offline compilers share: tools, programs, bounds and the verdict (tests/gates/README.md).
+"""Functions that the gates for offline compilers share (tests/gates/README.md). They find tools, read programs, and
+compare figures with their bounds.
 
-A gate prints a table. It exits with 0, with 1 if a figure exceeds its bound, or with 77 (skipped) if a tool is
-missing. By default, a gate checks one program of each kind with N = 6. With UBS_GATES=all, it checks every program with
-N = 3, 6, 7.
+A gate prints a table. Its exit code is 0 if all figures are within their bounds, 1 if a figure exceeds its bound, and
+77 (skipped) if a tool is missing. By default, a gate checks one program of each kind with N = 6. With UBS_GATES=all, it
+checks every program with N = 3, 6, 7.
 """
 
 import argparse
@@ -28,7 +29,8 @@ def skip(what, how):
 
 
 def find(tools, names, folders=()):
-    """Returns the first of these programs or files in the folder of the gates, in PATH, or in `folders`; or None."""
+    """Returns the path of the first of these programs or files that is found in the folder of the gates, in `folders`
+    or in PATH. Returns None if none of them is found."""
     for name in names:
         for folder in [tools / "venv" / "bin", tools / "root" / "usr" / "bin", *map(pathlib.Path, folders)]:
             if (folder / name).exists():
@@ -41,12 +43,12 @@ def find(tools, names, folders=()):
 
 
 def run(command, **more):
-    """Returns the standard output and error of a command. The command must succeed."""
+    """Runs a command and returns its standard output and standard error. If the command fails, ends the gate."""
     done = subprocess.run(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, **more)
     if done.returncode != 0:
         print(" ".join(map(str, command)))
         print(done.stdout)
-        print(f"FAILED: the compiler ended with {done.returncode}")
+        print(f"FAILED: the command above ended with exit code {done.returncode}")
         sys.exit(1)
     return done.stdout
 
@@ -68,11 +70,11 @@ class Program:
 
 
 def programs(folder):
-    """Returns the programs as the host passes them to a driver (gate_scene): for each kind, the one with the most
-    kernels."""
+    """Returns the programs that gate_scene has written, which are those that the host passes to a driver. By default,
+    returns only the program with the most kernels of each kind."""
     found = [Program(path) for path in sorted(folder.glob("*.cl"))]
     if not found:
-        print(f"FAILED: no program in {folder}: gate_scene has not run")
+        print(f"FAILED: {folder} contains no programs: run gate_scene (test gate_programs) first")
         sys.exit(1)
     if ALL:
         return found
@@ -84,13 +86,14 @@ def programs(folder):
 
 
 def dims(program):
-    """Returns the values of UBS_N to compile with."""
+    """Returns the values of UBS_N with which a program is compiled, or [None] if it does not use UBS_N."""
     has = any(o.startswith("-DUBS_N=") for o in program.options)
     return ([3, 6, 7] if ALL else [6]) if has else [None]
 
 
 class Table:
-    """Prints figures with their bounds. Memory for spills and the stack must be 0 if no bound is stated."""
+    """Prints the figures of kernels with their bounds, and collects those that exceed their bounds. Figures for spills,
+    scratch memory and the stack must be 0 if they have no bound."""
 
     MUST_BE_ZERO = ("scratch", "stack", "spill")
 
@@ -111,7 +114,7 @@ class Table:
         print(f"  {name:<28}" + ", ".join(cells))
 
     def verdict(self):
-        """Returns whether all figures are within their bounds, and no figure with a bound is missing."""
+        """Returns whether all figures are within their bounds and no kernel with bounds is missing. Prints errors."""
         missing = [k for k in self.bounds if k not in self.seen and (ALL or ", N = " not in k)]
         self.bad += [f"{self.target}: bounds.py contains '{k}', but this kernel was not compiled" for k in missing]
         for line in self.bad:
@@ -121,8 +124,8 @@ class Table:
 
 def arguments(description):
     parser = argparse.ArgumentParser(description=description)
-    parser.add_argument("--tools", type=pathlib.Path, required=True, help="folder that tools/setup.sh fills")
-    parser.add_argument("--programs", type=pathlib.Path, help="folder that gate_scene fills")
+    parser.add_argument("--tools", type=pathlib.Path, required=True, help="folder of the tools (tools/setup.sh)")
+    parser.add_argument("--programs", type=pathlib.Path, help="folder to which gate_scene writes the programs")
     return parser.parse_args()
 
 

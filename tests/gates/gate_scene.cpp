@@ -2,10 +2,12 @@
 // Runs every OpenCL stage on a scene of two tiles, which is small enough for a simulator
 // (tests/gates/README.md):
 //   gate_scene cpu|gpu [FOLDER]
-// With `cpu`, it uses the kernels and the vector width that the host selects for CPUs, and with `gpu` those
-// for GPUs, independently of the device. With FOLDER, the device is treated as one that is not from PoCL, and
-// every program is written to this folder as the host passes it to a driver: NAME.cl contains the source, and
-// NAME.options contains the options and the kernels, one per line.
+// With `cpu`, the program uses the kernels and the vector width that the host selects for CPUs, and with
+// `gpu` those for GPUs. Both are possible on any device. If FOLDER is given, every program is written to this
+// folder as the host passes it to a driver. NAME.cl contains the source. NAME.options contains the options in
+// its first line, and the names of the kernels in the following lines. In this case the device is treated as
+// if it were not a device of PoCL, because programs for PoCL contain code that other compilers do not
+// support.
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -58,9 +60,9 @@ void require(bool holds, const char* what) {
   if (!holds) fail(ErrorKind::internal, "gate_scene: {}", what);
 }
 
-// Trains a model and returns the loss. Lists are built without waiting for their size, and the gradients of
-// two views are added, one of them with a mask. Splats are relocated, added and displaced by noise, and all
-// parameters are penalised.
+// Trains a model and returns the loss. The settings are chosen such that as many kernels as possible run:
+// tile lists are built without waiting for their size, the gradients of two views are added, one view has a
+// mask, splats are relocated, added and displaced by noise, and there are penalties for opacities and scales.
 double train(Device& device, bench::BenchScene scene, const std::string& raster) {
   View& masked = scene.views.views[1];
   masked.image.mask.assign(kWidth * kHeight, 1);
@@ -91,7 +93,8 @@ double train(Device& device, bench::BenchScene scene, const std::string& raster)
   return loss;
 }
 
-// Renders with depth, and waits for the size of the lists. Returns the largest weight of a splat.
+// Renders a view with depth, with tile lists for whose size the host waits. Returns the largest weight of a
+// splat in a pixel.
 float largest_weight(Device& device, const bench::BenchScene& scene, RasterKind raster) {
   const DeviceGroups groups(device, MixedModel(scene.model), {.raster = raster, .depth = true});
   Renderer renderer(device, groups.stages());

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Checks spills and vector widths of the OpenCL kernels on Intel's Xe (DG2, the Arc cards), compiled by ocloc of
-intel-opencl-icd."""
+"""Checks the spills of the OpenCL kernels on Intel GPUs of the type Xe (DG2, sold as Arc), and prints their vector
+widths. The kernels are compiled by ocloc of intel-opencl-icd."""
 
 import os
 import re
@@ -9,7 +9,7 @@ import gate
 
 
 def kernels_of(binary):
-    """Returns {kernel: figures} from .ze_info, which is YAML."""
+    """Returns {kernel: figures} from the YAML text in the section .ze_info of a binary."""
     text = binary[binary.rindex(b"\nkernels:"):].decode(errors="replace")
     found = {}
     for part in re.split(r"^  - name:\s+", text.split("\nkernels_misc_info")[0], flags=re.M)[1:]:
@@ -28,7 +28,7 @@ def main():
     args = gate.arguments(__doc__)
     ocloc = gate.find(args.tools, ["ocloc"])
     if not ocloc:
-        gate.skip("ocloc", "install intel-opencl-icd, or run tools/setup.sh gates, which unpacks it next to the build")
+        gate.skip("ocloc", "install intel-opencl-icd, or run tools/setup.sh gates, which unpacks it below the build")
     libraries = args.tools / "root/usr/lib/x86_64-linux-gnu"
     environment = {**os.environ, "LD_LIBRARY_PATH": f"{libraries}:{os.environ.get('LD_LIBRARY_PATH', '')}"}
     table = gate.Table("xe_dg2")
@@ -36,7 +36,7 @@ def main():
         for program in gate.programs(args.programs):
             for n in gate.dims(program):
                 options = program.options_with(UBS_SUBGROUPS=1, UBS_N=n)
-                if "project_backward" in program.kernels:  # as host/opencl/projection.cpp does for a card of this kind
+                if "project_backward" in program.kernels:  # host/opencl/projection.cpp also uses this option
                     options = [*options, "-cl-intel-256-GRF-per-thread"]
                 if "-DUBS_SUBGROUPS=1" in options:
                     options = [o for o in options if not o.startswith("-cl-std")] + ["-cl-std=CL3.0"]

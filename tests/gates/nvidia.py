@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Checks registers, stack and instructions of the OpenCL kernels on NVIDIA cards, compiled by clang for nvptx with
-libclc, and then by ptxas.
+"""Checks the registers, the stack and the instructions of the OpenCL kernels on NVIDIA GPUs. The kernels are compiled
+by clang for nvptx with libclc, and then by ptxas.
 
-NVIDIA's own OpenCL compiler is a different one, so these results only show how much the sources themselves require.
-libclc has no native_* functions for these GPUs. They are replaced by the instructions that NVIDIA documents for
-them."""
+The OpenCL compiler in NVIDIA's driver is a different one, so these results only show approximately which resources the
+sources require. libclc has no native_* functions for these GPUs. They are replaced by the instructions that NVIDIA
+documents for these functions."""
 
 import gate
 import sass
@@ -27,10 +27,10 @@ def main():
     if not clang:
         gate.skip("clang", "install clang-15")
     if not library:
-        gate.skip("libclc for nvptx64--nvidiacl", "install libclc-15 (tools/setup.sh gates)")
+        gate.skip("libclc for nvptx64--nvidiacl", "install libclc-15, or run tools/setup.sh gates")
     ptxas = gate.find(args.tools, ["ptxas"], ["/usr/local/cuda/bin"])
     if not ptxas:
-        gate.skip("ptxas", "install the CUDA toolkit or nvidia-cuda-nvcc of PyPI (tools/setup.sh gates)")
+        gate.skip("ptxas", "install the CUDA toolkit or nvidia-cuda-nvcc of PyPI, or run tools/setup.sh gates")
     nvdisasm = sass.disassembler(args.tools)
     table = gate.Table("opencl_sm_90")
     with gate.scratch_folder() as scratch:

@@ -1,17 +1,17 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
-# Runs a command on an OpenCL implementation that is hidden from the other programs of the machine
-# (tests/gates/README.md):
-#   tests/gates/on_driver.sh DRIVER TOOLS COMMAND...
-# DRIVER: races or uninitialised (Oclgrind), rusticl (Mesa with llvmpipe), or intel (Intel's runtime for
-# CPUs). TOOLS: the folder into which tools/setup.sh installs them. The script prints a message and exits with
-# 77 if the implementation is missing, or if "long" precedes DRIVER and UBS_GATES is not `all`.
+# Runs a command on an OpenCL implementation that is installed in the build folder (tests/gates/README.md):
+#   tests/gates/on_driver.sh [long] DRIVER TOOLS COMMAND...
+# DRIVER is `races` or `uninitialised` (both are Oclgrind), `rusticl` (Mesa with llvmpipe), or `intel` (Intel's runtime
+# for CPUs). TOOLS is the folder into which tools/setup.sh installs the implementations. If the implementation is
+# missing, the script prints a message and exits with 77. It does the same if the first argument is `long` and the
+# environment variable UBS_GATES is not `all`.
 set -euo pipefail
 
 if [ "$1" = long ]; then
   shift
   if [ "${UBS_GATES:-}" != all ]; then
-    echo "SKIPPED: takes minutes; UBS_GATES=all runs it"
+    echo "SKIPPED: this gate takes minutes and runs only with UBS_GATES=all"
     exit 77
   fi
 fi
@@ -23,8 +23,9 @@ missing() {
   exit 77
 }
 
-# Oclgrind must detect both kinds of errors in a kernel that contains them.
-check_oclgrind() { # folder, option, expected message, statement
+# Checks that Oclgrind detects the error in a kernel that contains a wrong statement. The arguments are a folder for
+# files, an option of Oclgrind, the expected message, and the wrong statement.
+check_oclgrind() {
   printf '__kernel void wrong(__global int* to) { __local int l[2]; if (get_local_id(0) > 9) l[0] = 1; %s }\n' "$4" \
     >"$1/wrong.cl"
   printf '%s\nwrong\n2 1 1\n2 1 1\n<size=8 fill=0>\n' "$1/wrong.cl" >"$1/wrong.sim"
@@ -32,12 +33,13 @@ check_oclgrind() { # folder, option, expected message, statement
     { echo "FAILED: oclgrind $2 does not detect the error in $4"; exit 1; }
 }
 
+# Runs a command on Oclgrind. The arguments are an option of Oclgrind, the options for its compiler, and the command.
 # Functions are not inlined, because Oclgrind does not support two constructs that clang generates for inlined
 # functions: the instruction `freeze` (with -O0), and scopes (with -O2).
-on_oclgrind() { # option, options of its compiler, command
+on_oclgrind() {
   local option=$1 compiler=$2
   shift 2
-  command -v oclgrind >/dev/null || missing oclgrind "install it (tools/setup.sh gates)"
+  command -v oclgrind >/dev/null || missing oclgrind "run tools/setup.sh gates"
   folder=$(mktemp -d)
   trap 'rm -rf "$folder"' EXIT
   check_oclgrind "$folder" --data-races "data race" 'to[0] = get_local_id(0);'
@@ -60,7 +62,7 @@ case $driver in
     "$@" ;;
   intel)
     [ -d "$OCL_ICD_VENDORS" ] || missing "Intel's runtime for CPUs" "run UBS_GATES=intel tools/setup.sh gates (840 MB)"
-    # It needs its own TBB, which is newer than the one that OpenCV brings.
+    # Intel's runtime needs the TBB library that is installed with it, which is newer than the one that OpenCV needs.
     LD_PRELOAD=$tools/venv/lib/libtbb.so.12 "$@" ;;
   *)
     echo "unknown driver: $driver" >&2

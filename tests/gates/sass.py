@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Functions that parse the output of ptxas and nvdisasm."""
+"""Functions that parse the output of ptxas and nvdisasm, the assembler and the disassembler of the CUDA toolkit."""
 
 import re
 
@@ -12,12 +12,12 @@ LABEL = re.compile(r"^(\.L_x?_?\d+):")
 def disassembler(tools):
     found = gate.find(tools, ["nvdisasm"], ["/usr/local/cuda/bin"])
     if not found:
-        gate.skip("nvdisasm", "install nvidia-cuda-nvdisasm of PyPI (tools/setup.sh gates)")
+        gate.skip("nvdisasm", "install nvidia-cuda-nvdisasm of PyPI, or run tools/setup.sh gates")
     return found
 
 
 def resources(log):
-    """Returns {kernel: registers, stack, spills} from the output of `ptxas -v`."""
+    """Returns {kernel: {registers, stack, spill}} from the output of `ptxas -v`."""
     found, name = {}, None
     for line in log.splitlines():
         if match := re.search(r"Compiling entry function '(\w+)'", line):
@@ -57,15 +57,17 @@ def loops(lines):
             labels[match[1]] = len(code)
         elif match := INSTRUCTION.match(line):
             target = re.search(r"\bBRA\b.*`\((\.L\w+)\)", match[1])
-            if target and target[1] in labels and labels[target[1]] < len(code):  # not the endless loop at the end
+            # The branch to itself at the end of a function is not a loop.
+            if target and target[1] in labels and labels[target[1]] < len(code):
                 found.append((labels[target[1]], len(code)))
             code.append(match[1])
     return code, found
 
 
 def counts(lines):
-    """Returns the number of instructions and the accesses to global memory by width. For kernels that blend, also
-    returns the longest visit loop: a loop that contains an exponential and no other such loop."""
+    """Returns the number of instructions, and the numbers of narrow and wide accesses to global memory. If a kernel
+    blends splats, also returns the length of its longest visit loop. A visit loop is a loop that contains an
+    exponential, but no other loop with an exponential."""
     code, all_loops = loops(lines)
     reach = [match[0] for i in code if (match := re.search(r"\b(?:LDG|STG|LD|ST)\.E[.\w]*", i))]
     wide = sum(bool(re.search(r"\.(64|128)$|\.(64|128)\.", i)) for i in reach)
@@ -78,8 +80,8 @@ def counts(lines):
 
 
 def arithmetic_of(code, end, register, begin):
-    """Returns the sorted opcodes of the additions, multiplications and special functions between `begin` and `end` on
-    which `register` depends at `end`."""
+    """Returns the sorted opcodes of those additions, multiplications and special functions between `begin` and `end` on
+    which the value of `register` at `end` depends."""
     wanted, opcodes = {register}, []
     for line in reversed(code[begin:end]):
         words = re.match(r"(@!?U?P\d+ )?\s*([A-Z][\w.]*)\s+(.*)", line)
@@ -87,7 +89,7 @@ def arithmetic_of(code, end, register, begin):
         registers = re.findall(r"\bR\d+\b", words[3]) if words else []
         if not registers or not operands or operands[0].strip() not in wanted:
             continue
-        if not words[1]:  # otherwise an earlier value may remain
+        if not words[1]:  # an instruction with a predicate may leave the earlier value in the register
             wanted.discard(registers[0])
         wanted.update(registers[1:])
         opcode = words[2].split(".")[0] if not words[2].startswith("MUFU") else words[2]
@@ -97,8 +99,8 @@ def arithmetic_of(code, end, register, begin):
 
 
 def transmittances(lines):
-    """Returns arithmetic_of() for the transmittance behind a splat, which is compared with 1e-4, for each visit loop of
-    a kernel."""
+    """Returns, for each visit loop of a kernel, the result of arithmetic_of() for the transmittance after a splat. The
+    transmittance is recognised by its comparison with 1e-4."""
     code, all_loops = loops(lines)
     found = set()
     for at, line in enumerate(code):

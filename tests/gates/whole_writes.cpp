@@ -1,9 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-// Oclgrind 21.10 (--uninitialized) assumes that a write, fill or copy by the host covers the whole buffer: it
-// only stores shadow memory for the transferred bytes, and reads out of bounds after them. Therefore, the
-// three functions of this file replace those of the library. Under Oclgrind, they write a complete temporary
-// buffer, and a kernel copies it to its destination, because Oclgrind tracks stores of kernels byte by byte.
-// On other platforms they call the original functions.
+// Replaces functions of the OpenCL library that write to buffers, to avoid an error of Oclgrind 21.10. With
+// its option --uninitialized, Oclgrind records for every byte whether it has been written. But it assumes
+// that a write, fill or copy by the host covers the whole buffer: it stores this record only for the
+// transferred bytes, and reads out of bounds after them. Under Oclgrind, the functions of this file therefore
+// write a complete temporary buffer, and a kernel copies the data to their destination, because stores of
+// kernels are recorded correctly. On other platforms they call the original functions.
 #define CL_TARGET_OPENCL_VERSION 120
 #include <CL/cl.h>
 #include <dlfcn.h>
@@ -37,7 +38,8 @@ cl_context context_of(cl_command_queue queue) {
   return context;
 }
 
-cl_kernel copy_kernel(cl_context context) {  // one context at a time is in use
+// Returns the kernel that copies data. It is compiled again if the context has changed.
+cl_kernel copy_kernel(cl_context context) {
   static cl_context built_for = nullptr;
   static cl_kernel kernel = nullptr;
   if (built_for == context) return kernel;
@@ -53,6 +55,7 @@ cl_kernel copy_kernel(cl_context context) {  // one context at a time is in use
   return kernel;
 }
 
+// Copies bytes between two buffers with the kernel.
 cl_int bring(cl_command_queue queue, cl_mem from, cl_ulong first, cl_mem to, cl_ulong at, cl_ulong bytes,
              cl_uint waits, const cl_event* wait, cl_event* event) {
   cl_kernel kernel = copy_kernel(context_of(queue));
@@ -66,6 +69,7 @@ cl_int bring(cl_command_queue queue, cl_mem from, cl_ulong first, cl_mem to, cl_
   return code != CL_SUCCESS ? code : clFinish(queue);
 }
 
+// Writes data of the host to a part of a buffer, through a temporary buffer.
 cl_int write(cl_command_queue queue, cl_mem to, std::size_t at, std::size_t bytes, const void* data,
              cl_uint waits, const cl_event* wait, cl_event* event) {
   cl_int code = CL_SUCCESS;
@@ -80,6 +84,7 @@ cl_int write(cl_command_queue queue, cl_mem to, std::size_t at, std::size_t byte
 
 extern "C" {
 
+// Does not release buffers under Oclgrind.
 cl_int clReleaseMemObject(cl_mem memory) {
   return on_oclgrind() ? CL_SUCCESS : next("clReleaseMemObject", &clReleaseMemObject)(memory);
 }

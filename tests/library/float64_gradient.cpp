@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// float64_gradient N COLOUR prints a JSON object for python/tests/test_torch.py: a view of splats with N
-// dimensions and the setting colour = COLOUR, a weighted sum of its pixels, and the gradients of the sum
-// computed by the oracle.
+// float64_gradient N COLOUR prints a JSON object for python/tests/test_torch.py. It contains splats with N
+// dimensions and the setting colour = COLOUR, a camera, weights for the pixels of colours, alpha and depth,
+// and the gradients of the weighted sums of these pixels, computed by the oracle in float64.
 #include <cstdio>
 #include <cstdlib>
 #include <nlohmann/json.hpp>

@@ -67,7 +67,8 @@ const Folder& scene() {
   return folder;
 }
 
-// Converts settings to options of the executable, and to settings of the library.
+// The settings of all trainings in this file. as_options() and settings() below convert them for the
+// executable and for the library.
 const std::vector<std::pair<std::string, std::string>> kSettings{
     {"iterations", "60"}, {"init_points", "300"}, {"cap_max", "400"}, {"dim", "6"}, {"log_every", "5"}};
 
@@ -205,8 +206,8 @@ TEST_CASE("training with the library gives the same bits as with the executable"
   CHECK(content(out / "whole.ply") == expected);
   CHECK(content(folder / "run/metrics.json").find("\"psnr\"") != std::string::npos);
 
-  // Training is stopped by its step function, done in single steps, and saved and continued by another
-  // trainer.
+  // The step function stops the training after 17 iterations, five calls run one iteration each, and another
+  // trainer continues from a checkpoint.
   ubs::Trainer parts(device, data, settings());
   parts.run([&](const ubs_step& step) { return step.iteration < 17; });
   CHECK(parts.status().iteration == 17);
@@ -220,8 +221,8 @@ TEST_CASE("training with the library gives the same bits as with the executable"
   again.model().save(out / "parts.ply");
   CHECK(content(out / "parts.ply") == expected);
 
-  // Trains from a given initial model and from the one that training creates. With the unit of the data, the
-  // two are bit-identical.
+  // Trains from an initial model that is passed to the trainer, and from the one that the trainer creates.
+  // With unit = 1, which does not scale the data, the results are bit-identical.
   const ubs::Settings in_unit = settings().set("unit", "1");
   const ubs::Model initial = ubs::Model::initial(data, in_unit);
   ubs::Trainer given(device, data, in_unit, &initial), own(device, data, in_unit);
@@ -240,7 +241,9 @@ TEST_CASE("training with the library gives the same bits as with the executable"
   check_error(UBS_ERROR_USAGE, "room for 400", [&] { again.restore(out / "larger.ubs"); });
 }
 
-TEST_CASE("data from arrays equal those from a folder; gradients and images equal those of the executable") {
+TEST_CASE(
+    "data from arrays and from a folder give the same model; images and gradients equal those of the "
+    "executable") {
   const Folder& folder = scene();
   const ubs::Data opened(folder / "data");
   ubs::Data made;
@@ -342,7 +345,7 @@ TEST_CASE("models preserve their values in files, and their pointers stay valid"
               [&] { loaded.save(out / "x.ply", "3dgs", std::numeric_limits<double>::quiet_NaN()); });
 }
 
-TEST_CASE("two devices in a process, and two threads with a renderer each") {
+TEST_CASE("two threads with one renderer each can render at the same time, on two devices or on one") {
   const ubs::Model models[2] = {small_model(3, 1), small_model(6, 2)};
   std::vector<float> expected[2], found[2][8];
   for (int k = 0; k < 2; ++k) {
@@ -393,9 +396,9 @@ TEST_CASE("several threads train at the same time, each with its own device, and
   for (auto& other : others) CHECK(other.get() == alone);
 }
 
-// Compares the gradient of sum(w . image) + sum(w . depth) with central differences of renders. Due to single
-// precision and the rims of the splats, these have only two correct digits. The tests of the pipeline compare
-// with float64.
+// Compares the gradient of a weighted sum of colours and depths of all pixels with central differences of
+// renders. Single precision and the rims of the splats leave these differences only two correct digits.
+// tests/pipeline compares gradients with those in float64.
 TEST_CASE("gradients of depth and of the camera agree with differences of renders") {
   ubs::Device device;
   const ubs::Model model = small_model(6);
@@ -407,7 +410,7 @@ TEST_CASE("gradients of depth and of the camera agree with differences of render
   std::vector<float> v_rgb(3 * pixels), v_depth(pixels);
   for (std::size_t i = 0; i < v_rgb.size(); ++i) v_rgb[i] = std::sin(0.02f * static_cast<float>(i));
   const ubs::Picture before = renderer.draw(camera);
-  for (std::size_t i = 0; i < pixels; ++i)  // where the model is, because depth is discontinuous elsewhere
+  for (std::size_t i = 0; i < pixels; ++i)  // only pixels that splats cover: depth is discontinuous elsewhere
     v_depth[i] = before.alpha[i] > 0.1f ? 0.3f : 0.0f;
   renderer.vjp(camera, v_rgb, {}, nullptr, v_depth);
   check_error(UBS_ERROR_USAGE, "render it again", [&] { renderer.array(UBS_ARRAY_RGB); });
@@ -484,14 +487,14 @@ TEST_CASE("creating and freeing objects leaves no memory allocated on the device
   CHECK(device.info().allocated_bytes == before);
 }
 
-// Returns the memory of the process that is not that of files [bytes].
+// Returns the resident memory of the process [bytes], without pages of mapped files.
 std::uint64_t resident_bytes() {
   std::ifstream status("/proc/self/status");
   for (std::string word; status >> word;) {
     std::uint64_t kib = 0;
     if (word == "RssAnon:" && status >> kib) return kib << 10;
   }
-  FAIL("no RssAnon");
+  FAIL("/proc/self/status has no line RssAnon");
   return 0;
 }
 
@@ -513,8 +516,9 @@ TEST_CASE("opening and closing models and settings a thousand times does not inc
   for (int i = 0; i < kRounds; ++i) once();
   const auto grown = static_cast<double>(resident_bytes()) - static_cast<double>(before);
   CHECK(grown < 100.0 * kRounds);  // observed: 12 KiB
-  // Images are decoded in threads. LeakSanitizer's allocator keeps 12 KiB for each data set that is opened,
-  // and the ordinary one 16 bytes, so only leaks are tested here.
+  // Does not check the memory that opening data sets takes, because the allocators keep some of it: threads
+  // decode the images, and LeakSanitizer's allocator keeps 12 KiB for each data set, the ordinary one 16
+  // bytes. If memory leaks here, LeakSanitizer makes the test fail.
   for (int i = 0; i < kRounds; ++i) CHECK(!ubs::Data(scene() / "data").image("train", 0).empty());
 }
 
@@ -638,7 +642,7 @@ TEST_CASE("errors describe the problem") {
   check_error(UBS_ERROR_DATA, "no test views", [&] { ubs::Trainer(device, full, settings()).evaluate(); });
   const ubs::Model wrong = small_model(3);
   check_error(UBS_ERROR_USAGE, "3 dimensions", [&] { ubs::Trainer(device, full, settings(), &wrong); });
-  const ubs::Model other_form = small_model(6);  // must not be used as the variant of the settings
+  const ubs::Model other_form = small_model(6);  // has the default variant, the settings have another one
   check_error(UBS_ERROR_USAGE, "has the variant 'default', but the settings have 'colour sh3'",
               [&] { ubs::Trainer(device, full, settings().set("colour", "sh3"), &other_form); });
   ubs::Trainer trainer(device, full, settings());
@@ -653,7 +657,8 @@ TEST_CASE("errors describe the problem") {
   CHECK(none == nullptr);
 }
 
-TEST_CASE("settings without effect, scenes, and replaced splats") {
+TEST_CASE(
+    "settings without effect are rejected, scenes are created, and the splats of a trainer can be replaced") {
   const ubs::Settings set = ubs::Settings().set("background", "1,1,1").set("eps2d", "0.5");
   set.check_effect(UBS_USE_RENDERER);
   set.check_effect(UBS_USE_MODEL);
@@ -691,7 +696,7 @@ TEST_CASE("settings without effect, scenes, and replaced splats") {
   check_error(UBS_ERROR_USAGE, "1 to 100000000 splats", [&] { before.like(0); });
 }
 
-TEST_CASE("every setting can be read, and set to its own value") {
+TEST_CASE("every setting has a help text, can be read, and can be set to the value that was read") {
   ubs::Settings settings;
   std::size_t count = 0;
   for (;; ++count) {

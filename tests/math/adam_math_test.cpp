@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Compares adam.h in double precision with an explicit implementation of the recurrence, and the penalties
-// with finite differences.
+// Compares the functions of kernels/math/adam.h, compiled in double precision, with explicit sums over all
+// gradients, and the gradients of the penalties with finite differences.
 // clang-format off
 #include <catch2/catch.hpp>
 
@@ -9,7 +9,7 @@
 #include <random>
 #include <vector>
 
-// Each of these headers needs those before it.
+// Each of these headers needs the headers before it.
 #include "kernels/dialect/dialect.h"
 #include "kernels/layout.h"
 #include "kernels/loss_weights.h"
@@ -35,11 +35,12 @@ double central_difference(const F& f, double x) {
 
 }  // namespace
 
-TEST_CASE("adam follows the recurrence with bias correction", "[adam]") {
+TEST_CASE("adam steps agree with explicit sums over all gradients", "[adam]") {
   std::mt19937 random(3);
   std::normal_distribution<double> normal;
   AdamState state{0.3, 0, 0};
-  // The sums of Kingma and Ba instead of the recurrence: m_t = (1-b) sum b^(t-i) g_i.
+  // The expected moments are computed with the sum m_t = (1-b) sum b^(t-i) g_i of Kingma and Ba, not with the
+  // recurrence.
   std::vector<double> gradients;
   double param = 0.3;
   for (int step = 1; step <= 60; ++step) {
@@ -63,17 +64,17 @@ TEST_CASE("the first adam step has the size of the learning rate", "[adam]") {
   }
 }
 
-TEST_CASE("adam without a gradient makes no step, and epsilon damps the step for a tiny one", "[adam]") {
+TEST_CASE("a zero gradient gives no adam step, and epsilon damps the step for a tiny gradient", "[adam]") {
   const AdamState still = adam_update({0.7, 0, 0}, 0, 0.05, constants(1));
   CHECK(still.param == 0.7);
   const AdamState tiny = adam_update({0, 0, 0}, 1e-20, 0.05, constants(1));
   CHECK(tiny.param == Approx(-0.05 * 1e-20 / (1e-20 + 1e-15)).epsilon(1e-12));
 }
 
-TEST_CASE("a state is not finite if any of its numbers is not", "[adam]") {
+TEST_CASE("an adam state is not finite if any of its three numbers is not", "[adam]") {
   constexpr double kMost = std::numeric_limits<double>::max();
   CHECK_FALSE(adam_not_finite({0, 0, 0}));
-  CHECK_FALSE(adam_not_finite({kMost, kMost, kMost}));  // their sum is not finite
+  CHECK_FALSE(adam_not_finite({kMost, kMost, kMost}));  // although the sum of the numbers is not finite
   CHECK_FALSE(adam_not_finite({-kMost, 1e-310, 0}));
   for (const double bad : {std::nan(""), HUGE_VAL, -HUGE_VAL}) {
     CHECK(adam_not_finite({bad, 1, 1}));
@@ -82,7 +83,7 @@ TEST_CASE("a state is not finite if any of its numbers is not", "[adam]") {
   }
 }
 
-TEST_CASE("penalties are the derivatives of the activations", "[adam]") {
+TEST_CASE("the gradients of the penalties agree with finite differences", "[adam]") {
   for (const double raw : {-30.0, -4.0, -0.3, 0.0, 0.9, 7.0}) {
     const auto sigmoid = [](double x) { return 0.25 / (1 + std::exp(-x)); };
     const auto softplus = [](double x) { return 0.25 * std::log(1 + std::exp(x)); };
@@ -99,6 +100,6 @@ TEST_CASE("penalties are the derivatives of the activations", "[adam]") {
   }
   CHECK(penalty_vjp(kRowOpacity, 0.9, both) == opacity_penalty_vjp(0.9, 0.5));
   CHECK(penalty_vjp(kRowScale + 2, 0.9, both) == scale_penalty_vjp(0.9, 0.25));
-  // o (1 - o) must have no cancellation if 1 - o is far below an ulp of o.
+  // There must be no cancellation in o (1 - o), even if 1 - o is far below an ulp of o.
   CHECK(opacity_penalty_vjp(50.0, 1.0) == Approx(std::exp(-50.0)).epsilon(1e-12));
 }

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Compares the VJP of compositing a few splats at a pixel (kernels/math/blend.h) in double precision with
-// central differences. This file is compiled for each spatial kernel (UBS_FALLOFF).
-#ifdef UBS_ALPHA_MIN  // set by the build; otherwise, the kernels have a default
+// Compares the gradient of compositing a few splats at a pixel (the vector-Jacobian product, VJP, of
+// kernels/math/blend.h) in double precision with central differences. This file is compiled once for each
+// spatial kernel (UBS_FALLOFF), and once with a minimum alpha.
+#ifdef UBS_ALPHA_MIN  // only defined in the build with a minimum alpha
 #define UBS_TEST_NAME(text) text ", beta kernel, alpha_min"
 #elif UBS_FALLOFF == 1
 #define UBS_TEST_NAME(text) text ", Gaussian kernel"
@@ -18,7 +19,7 @@
 
 namespace {
 
-// x, y (mean minus pixel centre), Q00, Q01, Q11, opacity, beta, r, g, b.
+// A splat has the values x, y (mean minus pixel centre), Q00, Q01, Q11 (conic), opacity, beta, r, g, b.
 constexpr std::size_t kValues = 10;
 using Splat = std::array<double, kValues>;
 using Colour = std::array<double, 3>;
@@ -44,7 +45,7 @@ double loss(const std::vector<Splat>& splats) {
 
 using Conic = std::array<double, 3>;
 
-// Entries of v_Q = -L^-1 W L^-T.
+// Returns the entries 00, 01 and 11 of v_Q = -L^-1 W L^-T.
 Conic conic_gradient(const BlendSplat& l, double w00, double w01, double w11) {
   const double a = 1 / l.l00, b = -l.l01 / (l.l00 * l.l11), c = 1 / l.l11;  // L^-1 = [[a, b], [0, c]]
   return {-(a * a * w00 + 2 * a * b * w01 + b * b * w11), -(a * c * w01 + b * c * w11), -c * c * w11};
@@ -90,8 +91,9 @@ TEST_CASE(UBS_TEST_NAME("blend VJP agrees with central differences"), "[math][va
     const std::vector<Splat> analytic = gradient(splats);
     double error = 0, norm = 0;
     for (std::size_t k = 0; k < splats.size(); ++k) {
-      // The steps of the differences must not cross the rim or the minimum alpha. This test assumes a minimum
-      // of 1/255 for the Beta kernel too, so that all variants test the same pixels.
+      // The steps of the differences must not cross the end of the support or the minimum alpha, where the
+      // derivatives jump. Therefore splats near these limits are skipped. A minimum of 1/255 is assumed for
+      // all kernels, so that all builds of this file test the same pixels.
       const BlendAlpha a = blend_alpha(blend_splat(splats[k]), splats[k][0], splats[k][1]);
       if (std::abs(a.r - UBS_SUPPORT) < 1e-2 || std::abs(splats[k][5] * a.falloff * 255 - 1) < 1e-2) continue;
       reached += a.inside;
@@ -111,8 +113,8 @@ TEST_CASE(UBS_TEST_NAME("blend VJP agrees with central differences"), "[math][va
     if (norm > 0) worst = std::max(worst, error / norm);
   }
   CHECK(reached > 300);
-  WARN("worst relative error " << worst);
-  CHECK(worst < 3.8e-11);  // worst observed 1.9e-11 (Gaussian)
+  WARN("largest relative error " << worst);
+  CHECK(worst < 3.8e-11);  // the largest error observed is 1.9e-11 (Gaussian kernel)
 }
 
 #if UBS_FALLOFF == UBS_FALLOFF_GAUSSIAN

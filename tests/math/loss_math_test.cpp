@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tests loss.h in double precision: compares the SSIM of one window with the textbook formula, and the whole
-// gradient with central differences of a dense evaluation with zero padding.
+// Tests kernels/math/loss.h in double precision. Compares the SSIM of one window with the textbook formula,
+// and the gradient of the whole loss with central differences. For these, the loss is computed directly from
+// the textbook formula, with zeros outside of the image.
 // clang-format off
 #include <catch2/catch.hpp>
 
@@ -9,7 +10,7 @@
 #include <utility>
 #include <vector>
 
-// Each of these headers needs those before it.
+// Each of these headers needs the headers before it.
 #include "kernels/dialect/dialect.h"
 #include "kernels/loss_weights.h"
 #include "kernels/math/loss.h"
@@ -27,13 +28,13 @@ double window(int dx, int dy) {
   return std::exp(-(dx * dx + dy * dy) / 4.5) / (sum * sum);
 }
 
-// The textbook SSIM, computed from the five window means of x, t, x^2, t^2 and x t.
+// Returns the SSIM of the textbook formula, from the five window means of x, t, x^2, t^2 and x t.
 double textbook(double x, double t, double xx, double tt, double xt) {
   return (2 * x * t + 1e-4) * (2 * (xt - x * t) + 9e-4) /
          ((x * x + t * t + 1e-4) * (xx - x * x + tt - t * t + 9e-4));
 }
 
-// Returns the window mean of f(i) at (px, py). Pixels outside count as zero.
+// Returns the mean of f(i) over the window at (px, py). f is zero outside of the image.
 template <class F>
 double blur(int px, int py, const F& f) {
   double sum = 0;
@@ -62,7 +63,7 @@ double loss(const Plane& x, const Plane& t, double lambda) {
 
 SsimPoint point_at(const Plane& x, const Plane& t, int px, int py, double shift) {
   SsimMeans m;
-  // Outside the image x = t = 0, and the window's weights sum to 1.
+  // Outside of the image x = t = 0, so u is -2 shift there. The weights of a window add up to 1.
   const double inside = blur(px, py, [](int) { return 1.0; });
   const auto u = [&](int i) { return x[i] + t[i] - 2 * shift; };
   const auto v = [&](int i) { return x[i] - t[i]; };
@@ -88,12 +89,12 @@ Images random_images(double low, double high) {
 
 }  // namespace
 
-TEST_CASE("the window's weights are a normalised Gaussian with a sigma of 1.5 pixels", "[loss]") {
+TEST_CASE("the weights of the SSIM window are a normalised Gaussian with a sigma of 1.5 pixels", "[loss]") {
   const double weights[kSsimTaps] = UBS_SSIM_WEIGHTS;
   double sum = 0;
   for (int k = -5; k <= 5; ++k) sum += std::exp(-k * k / (2 * 1.5 * 1.5));
   for (int k = -5; k <= 5; ++k) CHECK(weights[k + 5] == Approx(std::exp(-k * k / 4.5) / sum).epsilon(1e-14));
-  CHECK(weights[0] == Approx(0.001028380).epsilon(1e-6));  // method.md 4.1
+  CHECK(weights[0] == Approx(0.001028380).epsilon(1e-6));  // the two values are those of method.md 4.1
   CHECK(weights[5] == Approx(0.266011715).epsilon(1e-6));
 }
 
@@ -127,13 +128,13 @@ TEST_CASE("the gradient of the loss matches central differences", "[loss]") {
       plus[i] += kStep, minus[i] -= kStep;
       const double difference =
           (loss(plus, images.t, kLambda) - loss(minus, images.t, kLambda)) / (2 * kStep);
-      // Largest errors observed: 1.5e-10 absolute, and 2.8e-8 relative for a gradient of 0.007, which is the
-      // noise of the differences.
+      // The largest absolute error observed is 1.5e-10. The largest relative error observed is 2.8e-8, for a
+      // gradient of 0.007. These are rounding errors of the differences.
       REQUIRE(gradient == Approx(difference).epsilon(5e-8).margin(3e-10));
     }
 }
 
-TEST_CASE("equal images have no dissimilarity and no gradient", "[loss]") {
+TEST_CASE("if both images are equal, the dissimilarity and the gradient are zero", "[loss]") {
   const Images images = random_images(0, 1);
   const SsimPoint p = point_at(images.x, images.x, 4, 4, 0.5);
   CHECK(p.dissimilarity == 0);
@@ -141,7 +142,7 @@ TEST_CASE("equal images have no dissimilarity and no gradient", "[loss]") {
   CHECK(image_loss_vjp({0.8f, 0.2f}, 1.0, 0.0, 0.0, 0.0, p.square_v) == 0);
 }
 
-TEST_CASE("rounding noise in the variances cannot make the loss infinite", "[loss]") {
+TEST_CASE("a variance that rounding has made negative does not make the loss infinite", "[loss]") {
   const SsimPoint p = ssim_point({2.0, 0.0, 4.0 - 1e-3, 0.0}, 0.0);
   CHECK(std::isfinite(p.dissimilarity));
   CHECK(std::isfinite(p.mean));

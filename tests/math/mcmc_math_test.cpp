@@ -1,13 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tests mcmc.h in double precision: the opacity rule, the sampling weights, the noise, and the growth of the
-// schedule.
+// Tests kernels/math/mcmc.h in double precision: the opacities of a source and its copies, the sampling
+// weights, and the noise. Also tests the numbers of splats that result from growth.
 // clang-format off
 #include <catch2/catch.hpp>
 
 #include <cmath>
 #include <limits>
 
-// Each of these headers needs those before it.
+// Each of these headers needs the headers before it.
 #include "kernels/dialect/dialect.h"
 #include "kernels/limits.h"
 #include "kernels/layout.h"
@@ -30,7 +30,7 @@ TEST_CASE("a source and its copies absorb as much light as the source before the
   for (const double raw : {-4.0, -1.0, 0.0, 2.0, 8.0})
     for (const double parts : {2.0, 3.0, 7.0, 20.0}) {
       const double opacity = sigmoid(split_raw_opacity(raw, parts));
-      if (opacity < 0.0050001) continue;  // clamped
+      if (opacity < 0.0050001) continue;  // the opacity has been raised to its minimum of 0.005
       CHECK(std::pow(1 - opacity, parts) == Approx(1 - sigmoid(raw)).epsilon(1e-9));
     }
 }
@@ -47,12 +47,12 @@ TEST_CASE("split opacities stay between 0.005 and 1 - 2^-23", "[mcmc]") {
   CHECK(split_raw_opacity(kNan, 2.0) == UBS_RAW_OPACITY_MIN);
 }
 
-TEST_CASE("with one part, the opacity does not change", "[mcmc]") {
+TEST_CASE("the opacity of a source without copies does not change", "[mcmc]") {
   for (const double raw : {-5.0, -2.0, 0.0, 3.0, 15.0})
     CHECK(split_raw_opacity(raw, 1.0) == Approx(raw).epsilon(1e-12).margin(1e-12));
 }
 
-TEST_CASE("sampling weights are rounded opacities, and zero for splats that must not be chosen", "[mcmc]") {
+TEST_CASE("sampling weights are rounded multiples of opacities, and zero for dead splats and NaN", "[mcmc]") {
   CHECK(sampling_weight(0.0) == 8388608.0);
   CHECK(sampling_weight(100.0) == 16777216.0);
   CHECK(sampling_weight(-100.0) == 0.0);
@@ -64,13 +64,13 @@ TEST_CASE("sampling weights are rounded opacities, and zero for splats that must
   CHECK(sampling_weight(edge - 1e-9) == 83886.0);
 }
 
-TEST_CASE("the noise gate is (1 - o)^100", "[mcmc]") {
+TEST_CASE("noise is scaled by (1 - o)^100, where o is the opacity", "[mcmc]") {
   for (const double raw : {-10.0, -5.2933, -2.0, 0.0, 1.0})
     CHECK(noise_gate(raw) == Approx(std::pow(1 - sigmoid(raw), 100)).epsilon(1e-10));
-  CHECK(noise_gate(-5.2933) == Approx(0.606).epsilon(2e-3));  // method.md 4.3
+  CHECK(noise_gate(-5.2933) == Approx(0.606).epsilon(2e-3));  // the value of method.md 4.3
 }
 
-TEST_CASE("noise is Sigma_x times the normals", "[mcmc]") {
+TEST_CASE("the displacement by noise is Sigma_x times a vector of normal numbers", "[mcmc]") {
   const double a0 = 0.3, a1 = -0.7, a2 = 1.1, s[3] = {0.4, -1.0, 0.1};
   const SpatialFrame frame = spatial_frame({{a0, a1, a2}, {s[0], s[1], s[2]}});
   const double rotation[3][3] = {{1, a0, a1}, {-a0, 1, a2}, {-a1, -a2, 1}};
@@ -95,8 +95,8 @@ TEST_CASE("noise that is not finite does not move a splat", "[mcmc]") {
   CHECK((nan.e[0] == 0 && nan.e[1] == 0 && nan.e[2] == 0));
 }
 
-// The schedule must follow the arithmetic of method.md 4.3.
-TEST_CASE("two per cent growth reproduces the published primitive counts", "[mcmc]") {
+// The numbers are computed with the arithmetic of method.md 4.3.
+TEST_CASE("growth by 2 % gives the published numbers of splats of two scenes", "[mcmc]") {
   const auto grown = [](long count) {
     return static_cast<long>(std::floor(1.02 * static_cast<double>(count)));
   };

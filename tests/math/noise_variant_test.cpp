@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // Tests the noise of kernels/math/mcmc.h for the variants of the covariance. This file is compiled once for
-// each. The noise must be Sigma_x times the normals, where Sigma_x is the leading block of a dense L L^T that
-// is computed here.
-// clang-format off: the mathematics need this header before them
+// each of them. The displacement must be Sigma_x times a vector of normal numbers. Sigma_x is the leading 3 x
+// 3 block of L L^T; the test computes the rows of L that are needed for it.
+// clang-format off: mcmc.h needs this header before it
 #include "tests/math/shared_math.hpp"
 // clang-format on
 #include <catch2/catch.hpp>
@@ -12,7 +12,8 @@
 #define UBS_STRING2(x) #x
 #define UBS_STRING(x) UBS_STRING2(x)
 
-TEST_CASE("noise follows Sigma_x, " UBS_STRING(UBS_TEST_VARIANT), "[mcmc][variants]") {
+TEST_CASE("the displacement by noise is Sigma_x times normal numbers, " UBS_STRING(UBS_TEST_VARIANT),
+          "[mcmc][variants]") {
   FrameRaw raw;
   double scale[UBS_N], spatial[3][UBS_N] = {};
   for (int c = 0; c < UBS_F; ++c) {
@@ -26,7 +27,8 @@ TEST_CASE("noise follows Sigma_x, " UBS_STRING(UBS_TEST_VARIANT), "[mcmc][varian
     for (int c = 0; c < r; ++c) spatial[r][c] = raw.rotation[r * (r - 1) / 2 + c];
   }
 #elif UBS_COV_PARAM == UBS_COV_SKEW_ND
-  // The entries have the order of the file: (1,0), (2,0), (2,1), then (i, 0..2) of the query rows i.
+  // The entries have the same order as in a model file: (1,0), (2,0), (2,1), and then (i,0), (i,1), (i,2) for
+  // each query row i.
   for (int r = 0; r < 3; ++r) spatial[r][r] = scale[r];
   const int pairs[3][2] = {{0, 1}, {0, 2}, {1, 2}};
   for (int m = 0; m < 3; ++m) {

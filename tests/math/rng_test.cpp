@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Compares Philox with the known results of the library of its authors (Random123) and with the
-// implementation of the host, and tests the moments of the normals.
+// Compares the random number generator Philox of the kernels with the published results of its authors (the
+// library Random123) and with the implementation of the host. Also tests the moments of the normal numbers.
 // clang-format off
 #include <catch2/catch.hpp>
 
@@ -8,7 +8,7 @@
 
 #include "host/base/philox.hpp"
 
-// Each of these headers needs those before it.
+// Each of these headers needs the headers before it.
 #include "kernels/dialect/dialect.h"
 #include "kernels/layout.h"
 #include "kernels/math/elementary.h"
@@ -35,7 +35,7 @@ TEST_CASE("Philox gives the published results", "[rng]") {
               {0xd16cfe09u, 0x94fdccebu, 0x5001e420u, 0x24126ea1u});
 }
 
-TEST_CASE("Philox of the kernels gives the same numbers as that of the host", "[rng]") {
+TEST_CASE("Philox gives the same numbers in the kernels and on the host", "[rng]") {
   for (unsigned i = 0; i < 1000; ++i) {
     const unsigned a = i * 2654435761u, b = i * 40503u + 17u;
     const RandomWords kernel = philox4x32_10({a, b, a ^ b, i}, b + 1, a + 3);
@@ -55,7 +55,7 @@ TEST_CASE("random numbers depend on every part of the counter", "[rng]") {
     CHECK((base.x != other.x || base.y != other.y));
 }
 
-TEST_CASE("uniforms and normals are finite at the ends of the range", "[rng]") {
+TEST_CASE("the smallest and the largest random words give finite uniform and normal numbers", "[rng]") {
   CHECK(random_uniform(0u) == 0x1p-33);
   CHECK(random_uniform(0xffffffffu) < 1.0);
   const RandomNormals low = random_normals({0, 0, 0, 0});
@@ -66,7 +66,7 @@ TEST_CASE("uniforms and normals are finite at the ends of the range", "[rng]") {
   CHECK(std::isfinite(high.w));
 }
 
-TEST_CASE("normals have the moments of the normal distribution", "[rng]") {
+TEST_CASE("normal random numbers have the moments of the normal distribution", "[rng]") {
   constexpr unsigned kBlocks = 50000;
   double sum = 0, square = 0, fourth = 0, cross = 0;
   for (unsigned i = 0; i < kBlocks; ++i) {
@@ -74,7 +74,9 @@ TEST_CASE("normals have the moments of the normal distribution", "[rng]") {
     for (const double x : {n.x, n.y, n.z, n.w}) sum += x, square += x * x, fourth += x * x * x * x;
     cross += n.x * n.y + n.z * n.w + n.x * n.z;
   }
-  // The bounds are five standard deviations of each estimate: sqrt(1/n), sqrt(2/n), sqrt(96/n), sqrt(1/n).
+  // The bounds are five standard deviations of each estimate. For n numbers, the standard deviations are
+  // sqrt(1/n) for the mean, sqrt(2/n) for the square, sqrt(96/n) for the fourth power, and sqrt(1/n) for the
+  // product of two numbers.
   constexpr double kCount = 4.0 * kBlocks;
   CHECK(std::abs(sum / kCount) < 5 * std::sqrt(1 / kCount));
   CHECK(std::abs(square / kCount - 1) < 5 * std::sqrt(2 / kCount));

@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// Compiles the mathematics of the kernels for the host in double precision and for one N. CMake sets UBS_N
-// and compiles the file that includes this header once per N.
+// Compiles the mathematics of the kernels (kernels/math) for the host, in double precision and for one number
+// of dimensions. CMake defines UBS_N, and compiles files that include this header once for each N.
 #pragma once
 
 #include <cmath>
 
-// The kernels are concatenated in this order, and no header includes another.
+// These headers do not include each other, so they must be included in this order.
 // clang-format off
 #include "kernels/dialect/dialect.h"
 #include "kernels/limits.h"

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Provides the form of the mathematics that the macros of the build select (a variant and N), in double
-// precision, for splat_vjp_test.cpp. UBS_TEST_VARIANT is the name of a variant. This file compiles each
-// function of the kernels once, and contains no tests.
+// Provides one form of the mathematics of a splat (splat_form.hpp) for splat_vjp_test.cpp, in double
+// precision. Macros that the build defines select the form. UBS_TEST_VARIANT is the name of a variant. The
+// tests are not in this file, so that for each form only the functions of the kernels are compiled.
 #include "tests/math/splat_form.hpp"
 
 #include <algorithm>

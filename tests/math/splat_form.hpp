@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // SplatForm is the interface to one form of the mathematics of a splat (kernels/math/splat.h). A form is a
-// variant with one N and one set of gradients. The types of the interface do not depend on the form, so
-// splat_form.cpp is compiled once for each form, and the tests in splat_vjp_test.cpp only once.
+// combination of a variant, a number of dimensions N, and the kind of gradient (with or without the path
+// through the view direction, or that of the camera). The types of the interface do not depend on the form.
+// So splat_form.cpp is compiled once for each form, but the tests in splat_vjp_test.cpp are compiled only
+// once.
 #pragma once
 
 #include <array>
@@ -11,18 +13,19 @@
 
 namespace ubs::test {
 
-// Raw parameters by rows, or gradients with respect to them at the same indices, or gradients with respect to
-// the camera.
+// The raw parameters of a splat by rows, or the gradients of these parameters at the same indices, or the
+// gradient of the camera.
 using SplatValues = std::array<double, 128>;
 
-// Intermediate values. Forms without the coupled factor only set `scale`, `lifted` and `coupled`.
+// Intermediate values of a splat. Forms without UBS_COUPLED_FACTOR (kernels/math/conditional.h) set only
+// `scale`, `lifted` and `coupled`.
 struct SplatInside {
-  double scale[11];
-  bool lifted, coupled;           // of splat_thin
-  bool from_factor;               // of splat_state
-  double x[8], b[8][11];          // of the slice's input
-  double frame[3][3], sum[3][3];  // the frame, and K as a sum
-  double m[3][3], shrink[3][3];   // used for rendering instead of `frame` and `sum`
+  double scale[11];               // the scales of the frame
+  bool lifted, coupled;           // result of splat_thin()
+  bool from_factor;               // SplatState::coupled: K was computed from its factor
+  double x[8], b[8][11];          // members of SliceInput
+  double frame[3][3], sum[3][3];  // the frame M, and K computed as I - U^T Y
+  double m[3][3], shrink[3][3];   // the matrices that are used for rendering: M and K, or M W^T and K'
 };
 
 struct SplatForm {
@@ -38,7 +41,7 @@ struct SplatForm {
   SplatInside (*inside)(const CameraView&, const SplatValues&);
 };
 
-// Returns all linked forms.
+// Returns all forms that are linked into the test program.
 inline std::vector<const SplatForm*>& splat_forms() {
   static std::vector<const SplatForm*> forms;
   return forms;

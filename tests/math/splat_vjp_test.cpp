@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Compares the VJP of the computation of one splat (kernels/math/splat.h) in double precision with central
-// differences, for every linked form (splat_form.hpp). Also compares the parameter rows of the kernels with
-// those of the host.
+// Compares the gradient of the computations for one splat (the vector-Jacobian product, VJP, of
+// kernels/math/splat.h) in double precision with central differences, for every linked form (splat_form.hpp).
+// Also compares the parameter rows of the kernels with those of the host.
 #include <algorithm>
 #include <array>
 #include <catch2/catch.hpp>
@@ -18,8 +18,8 @@ using ubs::test::SplatInside;
 using ubs::test::SplatValues;
 using Generator = std::mt19937_64;
 
-// A form with derived values. Rows, macros and types of the kernels that depend on the form are not used
-// here.
+// A form, with values that are derived from it. This file must not use names of the kernels that depend on
+// the form, such as rows, because it is compiled only once.
 struct Form : SplatForm {
   explicit Form(const SplatForm& form)
       : SplatForm(form), kinds(ubs::variant_from_numbers(variant)), row(n, kinds) {}
@@ -46,7 +46,7 @@ double uniform(Generator& g, double low, double high) {
 
 CameraView random_camera(Generator& g) {
   CameraView cam{};
-  // Rotation from a random unit quaternion.
+  // The rotation is computed from a random unit quaternion.
   double q[4], norm = 0;
   for (double& v : q) {
     v = uniform(g, -1, 1);
@@ -65,14 +65,15 @@ CameraView random_camera(Generator& g) {
   return cam;
 }
 
-// slope: X/Z and Y/Z of the splat are in [-slope, slope]. Beyond about 0.5, the linearisation is clamped.
+// Returns a random splat for which X/Z and Y/Z are in [-slope, slope]. If they exceed about 0.5, the
+// linearisation of the projection is clamped.
 SplatValues random_splat(const Form& form, Generator& g, CameraView& cam, double slope) {
   const ubs::ParameterLayout& row = form.row;
   SplatValues raw{};
   for (int k = 0; k < row.count; ++k) raw[k] = uniform(g, -0.7, 0.7);
   for (int k = row.beta; k < row.mean; ++k) raw[k] = uniform(g, -1.5, 1.0);
   if (form.kinds.rot_mode == ubs::RotMode::quaternion)
-    raw[row.l_triangle] = uniform(g, 0.5, 1.5);  // away from length 0
+    raw[row.l_triangle] = uniform(g, 0.5, 1.5);  // so that the length of the quaternion is not close to 0
   for (int c = 0; c < 3; ++c) raw[row.scale + c] = uniform(g, -3, -1);
   const double z = uniform(g, 2, 5);
   const double p[3] = {z * uniform(g, -slope, slope), z * uniform(g, -slope, slope), z};
@@ -86,12 +87,14 @@ SplatValues random_splat(const Form& form, Generator& g, CameraView& cam, double
 
 enum class Weights { below, one, nearly, mixed };
 
-// Returns a splat whose query scales are small fractions of their rows of Lqx, between 3e-4 and 2e-2. The
-// range includes values below and above the minimum. The entries of Lq are equally small. The weights are 1
-// (`one`), or below 1 by less than UBS_COUPLED_WEIGHT (`nearly`), so that the covariance is computed from its
-// factor, or smaller (`below`). With `mixed`, every second row is like `nearly`, and the other rows are
-// hardly coupled and have lower weights. The spatial beta is close to its clamp, and the query is near its
-// mean.
+// Returns a thin splat, whose query scales are small fractions of their rows of Lqx, between 3e-4 and 2e-2.
+// This range includes values below and above the minimum. The entries of Lq are equally small. The query is
+// near the query mean of the splat, and the spatial beta is close to its maximum. `weights` selects the
+// weights of the query dimensions:
+// - one: all weights are 1, so that the covariance is computed from its factor
+// - nearly: the weights are below 1 by less than UBS_COUPLED_WEIGHT, so that the factor is also used
+// - below: the weights are smaller, so that the factor is not used
+// - mixed: every second row is like `nearly`; the other rows are hardly coupled and have smaller weights
 SplatValues thin_splat(const Form& form, Generator& g, CameraView& cam, Weights weights) {
   const ubs::ParameterLayout& row = form.row;
   SplatValues raw = random_splat(form, g, cam, 0.2);
@@ -99,7 +102,8 @@ SplatValues thin_splat(const Form& form, Generator& g, CameraView& cam, Weights 
     const auto entry = [&](int k) -> double& { return raw[row.l_triangle + UBS_TRIANGLE(i + 3, k)]; };
     for (int k = 0; k < i; ++k) entry(3 + k) *= 1e-3;
     double ratio = 3e-4 * std::pow(70, uniform(g, 0, 1));
-    if (std::abs(ratio / form.query_scale_least - 1) < 0.05) ratio *= 1.1;  // not close to the kink
+    // The ratio must not be close to the minimum, where the derivative jumps.
+    if (std::abs(ratio / form.query_scale_least - 1) < 0.05) ratio *= 1.1;
     if (weights == Weights::mixed && i % 2 == 0) {
       ratio = 30;
       for (int k = 0; k < i + 3; ++k) entry(k) *= 0.03;
@@ -142,14 +146,15 @@ struct Errors {
   double worst = 0, norm = 0;
 };
 
-// Returns the number of inputs of the gradient: of the parameters of the splat, or of those of the camera.
+// Returns the number of values of the gradient, which is that of the parameters of the splat or that of the
+// camera.
 int inputs(const Form& form) {
   if (!form.camera_grad) return form.row.count;
   return kCameraGradQuery + form.row.query - (form.has_direction() ? 3 : 0);
 }
 
 void move_camera(CameraView& cam, int k, double h) {
-  if (k < kCameraGradShift) {  // a rotation about one axis mixes the rows of the other two
+  if (k < kCameraGradShift) {  // a rotation about axis k combines the rows of the other two axes
     const int a = (k + 1) % 3, b = (k + 2) % 3;
     for (int c = 0; c < 3; ++c) {
       const double x = cam.rotation[a][c], y = cam.rotation[b][c];
@@ -167,23 +172,25 @@ void move_camera(CameraView& cam, int k, double h) {
 }
 
 // Compares the gradient of a random weighted sum of all outputs with central differences for every input.
-// Returns nothing for a culled splat (with an indefinite conditional covariance).
+// Returns nothing for a splat that is not rendered, for example because its conditional covariance is
+// indefinite.
 std::optional<Errors> gradient_errors(const Form& form, Generator& g, const CameraView& cam,
                                       const SplatValues& raw, double h = 1e-5) {
   const SplatImage image = form.image(cam, raw);
   if (!image.valid) return std::nullopt;
   Outputs weights;
   std::generate_n(weights.begin(), 10, [&] { return uniform(g, -1, 1); });
-  weights[10] = form.depth_grad ? 0.5 : 0;  // not rendered: the same splats are tested with and without depth
+  weights[10] = form.depth_grad ? 0.5 : 0;  // not random, so that forms without depth test the same splats
   const SplatImageVjp v{weights[0], weights[1], ellipse_gradient(image.conic, weights),
                         weights[5], weights[6], weights[7],
                         weights[8], weights[9], weights[10]};
-  // Q01 occurs twice in the conic, and weights[3] is the gradient of each entry.
+  // Q01 occurs twice in the conic. weights[3] is the gradient of each of the two entries.
   Outputs doubled = weights;
   doubled[3] *= 2;
   const SplatValues gradient = form.gradient(cam, raw, v);
-  // The view direction is treated as a constant, which a difference cannot express. This part is tested with
-  // the forms that include its gradient and, as defined, by the oracle.
+  // In forms without the gradient through the view direction, the direction counts as constant. The
+  // differences cannot take this into account, so the gradient of the position is not compared. It is tested
+  // with the forms that include the gradient through the view direction, and by tests with the oracle.
   const bool constant_direction = !form.camera_grad && !form.query_grad &&
                                   (form.has_direction() || form.kinds.colour > ubs::ColourMode::sh0);
   Errors e;
@@ -217,7 +224,7 @@ TEST_CASE("splat VJP agrees with central differences", "[math]") {
     int checked = 0;
     for (int i = 0; i < 200; ++i) {
       CameraView cam = random_camera(g);
-      // Inside and outside of the limits of the frustum.
+      // Every second splat may be outside of the limits at which the linearisation is clamped.
       const SplatValues raw = random_splat(form, g, cam, i % 2 ? 0.2 : 2.0);
       const std::optional<Errors> e = gradient_errors(form, g, cam, raw);
       if (!e) continue;
@@ -225,15 +232,17 @@ TEST_CASE("splat VJP agrees with central differences", "[math]") {
       REQUIRE(e->norm > 0);
       worst = std::max(worst, e->worst / e->norm);
     }
-    // Gaussian splats end at the minimum alpha, so many are not rendered: 76 of 200 observed.
+    // Gaussian splats with an alpha below the minimum are not rendered. 76 of 200 Gaussian splats have been
+    // observed to be rendered.
     REQUIRE(checked > (form.gaussian() ? 60 : 150));
-    WARN("worst relative error " << worst << " over " << checked << " splats");
-    // Worst observed 1.2e-8 (cholesky, N = 6), 4.6e-9 of the default: rounding of the differences.
+    WARN("largest relative error " << worst << " over " << checked << " splats");
+    // The largest error observed is 1.2e-8 (cholesky, N = 6), and 4.6e-9 for the default variant. These are
+    // rounding errors of the differences.
     CHECK(worst < 2.3e-8);
   });
 }
 
-TEST_CASE("the VJP of clamped and of strongly coupled splats agrees with central differences", "[math]") {
+TEST_CASE("the VJP of thin and of strongly coupled splats agrees with central differences", "[math]") {
   for_each_form([](const Form& form) {
     if (!form.has_factor()) return;
     Generator g(form.n);
@@ -250,26 +259,26 @@ TEST_CASE("the VJP of clamped and of strongly coupled splats agrees with central
     }
     REQUIRE(lifted > 15);
     REQUIRE(coupled > 15);
-    WARN("worst relative error " << worst << " over " << checked << " splats, " << lifted << " lifted, "
-                                 << coupled << " coupled");
-    CHECK(worst < 1.39e-5);  // worst observed 6.96e-6: rounding of the differences
+    WARN("largest relative error " << worst << " over " << checked << " splats, of which " << lifted
+                                   << " have raised scales and " << coupled << " are strongly coupled");
+    CHECK(worst < 1.39e-5);  // the largest error observed is 6.96e-6, from the rounding of the differences
   });
 }
 
-TEST_CASE("the factor of a strongly coupled splat gives its covariance", "[math]") {
+TEST_CASE("the covariance of a strongly coupled splat is the same with and without its factor", "[math]") {
   for_each_form([](const Form& form) {
     if (!form.has_factor()) return;
     Generator g(form.n);
     double worst_of_one = 0, worst_below = 0, worst_large = 0;
     int checked = 0, others = 0;
-    for (int i = 0; i < 200; ++i) {  // starts with weights of 1, and ends with splats without the factor
+    for (int i = 0; i < 200; ++i) {
       CameraView cam = random_camera(g);
       const auto weights = i < 50     ? Weights::one
                            : i >= 150 ? Weights::below
                            : i % 2    ? Weights::nearly
                                       : Weights::mixed;
       const SplatInside factor = form.inside(cam, thin_splat(form, g, cam, weights));
-      if (!factor.from_factor) {  // rendered with the frame and K, bit for bit
+      if (!factor.from_factor) {  // the splat must be rendered with exactly the frame M and K
         ++others;
         for (int r = 0; r < 3; ++r)
           for (int c = 0; c < 3; ++c) {
@@ -279,7 +288,7 @@ TEST_CASE("the factor of a strongly coupled splat gives its covariance", "[math]
         continue;
       }
       ++checked;
-      double size = 0;  // size of K', to which its rounding is proportional
+      double size = 0;  // sum of |K'|, to which the rounding error of K' is proportional
       for (int a = 0; a < 3; ++a)
         for (int b = 0; b < 3; ++b) size += std::abs(factor.shrink[a][b]);
       double& worst = weights == Weights::one ? worst_of_one : size < 30 ? worst_below : worst_large;
@@ -295,19 +304,21 @@ TEST_CASE("the factor of a strongly coupled splat gives its covariance", "[math]
         }
     }
     REQUIRE(checked > 15);
-    WARN("largest difference " << worst_of_one << ", with weights below 1 " << worst_below
-                               << ", with a large K' " << worst_large << ", " << others << " without");
+    WARN("largest difference with weights of 1: " << worst_of_one << ", with weights below 1: " << worst_below
+                                                  << ", with a large K': " << worst_large
+                                                  << "; splats without factor: " << others);
     REQUIRE(others > (form.kinds.beta_cond == ubs::BetaCond::on ? 15 : -1));
-    CHECK(worst_of_one < 2.7e-15);  // worst observed 1.35e-15
-    // Worst observed 1.58e-15, and 3.03e-15 in mode whiten, whose splats differ because its clamp differs.
+    CHECK(worst_of_one < 2.7e-15);  // the largest difference observed is 1.35e-15
+    // The largest difference observed is 1.58e-15. It is 3.03e-15 with cov_mode whiten, for which the splats
+    // are others, because the minimum of the query scales is another one.
     CHECK(worst_below < (form.kinds.cov_mode == ubs::CovMode::whiten ? 6.0e-15 : 2.8e-15));
-    CHECK(worst_large < 1.08e-14);  // worst observed 5.44e-15 (cholesky, N = 6)
+    CHECK(worst_large < 1.08e-14);  // the largest difference observed is 5.44e-15 (cholesky, N = 6)
   });
 }
 
-// One spatial scale is below the minimum fraction of the largest one. With skew_nd, query scales are also
-// below their minimum.
-TEST_CASE("the VJP of raised scales agrees with central differences", "[math]") {
+// In each splat, one spatial scale is below its minimum, which is a fraction of the largest spatial scale.
+// With skew_nd, query scales are also below their minimum. Such scales are raised to the minimum.
+TEST_CASE("the VJP of splats with raised scales agrees with central differences", "[math]") {
   for_each_form([](const Form& form) {
     const bool skew = form.skew();
     Generator g(form.n);
@@ -332,13 +343,14 @@ TEST_CASE("the VJP of raised scales agrees with central differences", "[math]") 
       ++checked;
       worst = std::max(worst, e->worst / e->norm);
     }
-    REQUIRE(checked > (form.gaussian() ? 10 : 20));  // many are indefinite
-    WARN("worst relative error " << worst << " over " << checked << " splats");
-    CHECK(worst < 8.8e-8);  // worst observed 4.43e-8 (skew_nd, N = 6)
+    // Many of the splats have an indefinite conditional covariance, so they are not rendered.
+    REQUIRE(checked > (form.gaussian() ? 10 : 20));
+    WARN("largest relative error " << worst << " over " << checked << " splats");
+    CHECK(worst < 8.8e-8);  // the largest error observed is 4.43e-8 (skew_nd, N = 6)
   });
 }
 
-TEST_CASE("kernels and host agree on the parameter rows", "[math][variants]") {
+TEST_CASE("the kernels and the host use the same parameter rows", "[math][variants]") {
   for_each_form([](const Form& form) {
     const ubs::ParameterLayout& row = form.row;
     CHECK(form.rows == std::array{row.xyz, row.rgb, row.opacity, row.beta, row.query_beta, row.mean,

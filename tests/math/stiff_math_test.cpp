@@ -1,5 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tests the formulas that replace textbook forms for stiff splats, in cases with a closed form.
+// Tests formulas of kernels/math for stiff splats. These are splats with very different scales, for which the
+// usual formulas lose digits by cancellation. The expected results are known exactly or computed in another
+// way.
 #include <catch2/catch.hpp>
 #include <random>
 
@@ -46,12 +48,12 @@ TEST_CASE("the ellipse of a general K is that of the mirrored upper triangle of 
     for (const double error : {e.cov.a - b[0][0], e.cov.b - b[0][1], e.cov.c - b[1][1], e.det - det})
       worst = std::max(worst, std::abs(error));
   }
-  CHECK(worst < 5.4e-15);  // worst observed 2.7e-15: rounding
+  CHECK(worst < 5.4e-15);  // the largest error observed is 2.7e-15, from rounding
 }
 
-// An ellipse with the axes s0 and s1, rotated by 0.6 rad about the line of sight: det = s0^2 s1^2 + eps (s0^2
-// + s1^2) + eps^2.
-TEST_CASE("the determinant of a needle has no cancellation", "[math]") {
+// The ellipse has the axes s0 and s1 and is rotated by 0.6 rad about the line of sight. Its determinant is
+// s0^2 s1^2 + eps (s0^2 + s1^2) + eps^2.
+TEST_CASE("the determinant of a very long ellipse is computed without cancellation", "[math]") {
   const ImageMap t{{{1, 0, 0}, {0, 1, 0}}};
   const double s = std::sin(0.6), c = std::cos(0.6);
   for (const double ratio : {1.0, 1e3, 1e6, 1e9, 1e12}) {
@@ -61,35 +63,37 @@ TEST_CASE("the determinant of a needle has no cancellation", "[math]") {
     const Ellipse e = ellipse_on_image(t, m, identity(), 0.3);
     CHECK(e.det == Approx(exact).epsilon(1e-15));
     if (ratio > 1e8)
-      CHECK(std::abs(e.cov.a * e.cov.c - e.cov.b * e.cov.b - exact) > 0.1 * exact);  // the textbook form
+      // The usual formula a c - b^2 for the determinant is wrong by more than 10 %.
+      CHECK(std::abs(e.cov.a * e.cov.c - e.cov.b * e.cov.b - exact) > 0.1 * exact);
     const ConicFactor l = conic_factor(e.cov, e.det);
     CHECK(l.l00 * l.l00 * l.l11 * l.l11 == Approx(1 / exact).epsilon(1e-14));
   }
 }
 
-TEST_CASE("the gradient with respect to the stretch of a needle equals that of its length", "[math]") {
+TEST_CASE("the gradient with respect to the axis lengths of a very long ellipse is exact", "[math]") {
   const ImageMap t{{{1, 0, 0}, {0, 1, 0}}};
   const double s = std::sin(0.6), c = std::cos(0.6);
   for (const double ratio : {1.0, 1e4, 1e8}) {
     const double s0 = 10 * ratio, s1 = 10;
     const FrameMap m{{{c * s0, -s * s1, 0}, {s * s0, c * s1, 0}, {0, 0, 1e-3}}};
     const Ellipse e = ellipse_on_image(t, m, identity(), 0.3);
-    // For W = I, dL = tr(L dB L^T) = d ln det B. Its derivative s0 d/ds0 is 2 s0^2 / (s0^2 + eps).
+    // With the gradient W = I, the loss is ln det B, because tr(L dB L^T) = d ln det B. The derivative of ln
+    // det B with respect to ln s0 is 2 s0^2 / (s0^2 + eps).
     const EllipseInputVjp v = ellipse_vjp(t, m, identity(), e, {1, 0, 1}, 0.3, 0);
     CHECK(v.along.e[0] == Approx(2 * s0 * s0 / (s0 * s0 + 0.3)).epsilon(1e-12));
     CHECK(v.along.e[1] == Approx(2 * s1 * s1 / (s1 * s1 + 0.3)).epsilon(1e-12));
   }
 }
 
-// K = diag(1, -k, 1) on a splat of 20 by 20 px: det(T V T^T) = -160000 k, and the blur adds 0.3 (400 - 400 k
-// + 0.3).
+// The splat has radii of 20 px, and K = diag(1, -k, 1). Then det(T V T^T) = -160000 k, and the blur adds
+// 0.3 (400 - 400 k + 0.3) to the determinant.
 TEST_CASE("an ellipse that is only definite because of the blur is not rendered", "[math]") {
   CameraView cam{};
   for (int i = 0; i < 3; ++i) cam.rotation[i][i] = 1;
   cam.fx = cam.fy = 100, cam.cx = cam.cy = 32, cam.width = cam.height = 64;
   cam.near_plane = 0.01, cam.far_plane = 100, cam.eps2d = 0.3;
   const FrameMap m{{{0.2, 0, 0}, {0, 0.2, 0}, {0, 0, 0.2}}};
-  for (const double left : {-0.1, 0.01, 0.09, 0.11, 0.5, 1.0}) {  // det / blur
+  for (const double left : {-0.1, 0.01, 0.09, 0.11, 0.5, 1.0}) {  // determinant / amount that the blur adds
     FrameMat k = identity();
     k.e[1][1] = -(1 - left) * 0.3 * 400.3 / (160000 + (1 - left) * 0.3 * 400);
     const Projected p = project(cam, {{0, 0, 1}}, m, k);
@@ -105,10 +109,10 @@ TEST_CASE("ln(1 - tanh u) keeps its relative accuracy for small u", "[math]") {
     const double got = log_one_minus_tanh(Several{{u}}, 1).e[0];
     worst = std::max(worst, static_cast<double>(std::abs((got - exact) / exact)));
   }
-  CHECK(worst < 3.2e-10);  // worst observed 1.6e-10: the series at 1/4
+  CHECK(worst < 3.2e-10);  // the largest error observed is 1.6e-10, where the series ends at u = 1/4
 }
 
-TEST_CASE("query rows that are dependent except for s_q become orthogonal", "[math]") {
+TEST_CASE("query rows that are nearly linearly dependent become orthogonal", "[math]") {
   std::mt19937_64 g(9);
   double worst = 0;
   for (int round = 0; round < 50; ++round) {
@@ -125,7 +129,7 @@ TEST_CASE("query rows that are dependent except for s_q become orthogonal", "[ma
         worst = std::max(worst, std::abs(dot));
       }
   }
-  CHECK(worst < 3.2e-16);  // worst observed 1.6e-16; 1e-10 after one pass
+  CHECK(worst < 3.2e-16);  // the largest value observed is 1.6e-16; with only one pass it is 1e-10
 }
 
 }  // namespace

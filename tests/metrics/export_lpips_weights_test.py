@@ -1,8 +1,9 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""Tests tools/export_lpips_weights.py without the packages from which it reads. Instead of lpips.LPIPS, the test uses
-objects with the same keys as in lpips 0.1: slices of torchvision's `features`, heads after a dropout, and a second copy
-of all heads in `lins`. Checks names, shapes, the order of bytes and the format of the file."""
+"""Tests tools/export_lpips_weights.py without the Python packages lpips and torch, from which the script takes the
+weights. Instead of lpips.LPIPS, the test uses objects with the same keys as in lpips 0.1: slices of torchvision's
+`features`, heads after a dropout, and a second copy of all heads in `lins`. Checks names, shapes, the order of bytes
+and the format of the file."""
 import importlib.util
 import json
 import pathlib
@@ -21,7 +22,7 @@ SLICES = {
 
 
 class Value:
-    """Replaces a tensor in the script. The values ascend, so that the bytes show their order."""
+    """Replaces a tensor in the script. The values ascend, so that a wrong order of the bytes is detected."""
 
     def __init__(self, shape, first):
         self.shape, self.first, self.type = shape, first, None
@@ -43,7 +44,8 @@ class Value:
 
 
 def state_of(network):
-    """Returns the keys of lpips.LPIPS(net=network).state_dict() with few numbers each."""
+    """Returns two dictionaries: one with the keys of lpips.LPIPS(net=network).state_dict() and small tensors, and
+    one with the names, shapes and bytes that the script must write for them."""
     state, expected = {"scaling_layer.shift": Value((1, 3, 1, 1), 0), "scaling_layer.scale": Value((1, 3, 1, 1), 0)}, {}
 
     def add(key, name, shape):

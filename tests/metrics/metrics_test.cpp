@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tests image metrics on every device: LPIPS of small random networks is compared with double-precision
-// loops, LPIPS of the published networks with the published reference values, and SSIM over whole windows
-// with brute force. Also tests predicted memory and the stage times of a training.
+// Tests image metrics on every device. LPIPS of small random networks is compared with loops in double
+// precision, LPIPS of the published networks with reference values from torch, and the SSIM of windows that
+// are completely inside the image with a direct evaluation. Also tests the predicted memory of LPIPS, frame
+// rates, and the measurement of stage times during training.
 #include <catch2/catch.hpp>
 #include <random>
 
@@ -27,7 +28,8 @@ using check::Uploaded;
 using oracle::Features;
 using oracle::features;
 
-// Computes convolutions in the smallest possible parts.
+// Reports that only one byte of memory is available for matrices, so that LPIPS computes convolutions in the
+// smallest possible parts. Counts these parts.
 class SmallMatrices final : public MetricOps {
  public:
   explicit SmallMatrices(MetricOps& ops) : ops_(ops) {}
@@ -105,7 +107,7 @@ TEST_CASE("lpips: small random networks agree with double-precision loops", "[me
       Lpips lpips(*device, *ops, network, weights);
       SmallMatrices small(*ops);
       Lpips in_pieces(*device, small, network, weights);
-      // An odd size, followed by a smaller one in the same buffers.
+      // The second size is smaller and uses the same buffers.
       for (const PlanarSize size : {PlanarSize{71, 66}, PlanarSize{36, 47}}) {
         const auto pair = image_pair(size);
         const Uploaded up = upload(*device, pair, size);
@@ -120,7 +122,9 @@ TEST_CASE("lpips: small random networks agree with double-precision loops", "[me
           CHECK(distance == Approx(expected).margin(6e-7).epsilon(0));
           CHECK(lpips.distance(up.a, up.b, range) == distance);  // same bits
           CHECK(in_pieces.distance(up.a, up.b, range) == Approx(distance).margin(6e-7).epsilon(0));
-          CHECK(lpips.distance(up.a, up.a, range) < 1e-12);  // 0 where products are not fused
+          // The distance of equal images is exactly 0 if the compiler does not fuse multiplications and
+          // additions.
+          CHECK(lpips.distance(up.a, up.a, range) < 1e-12);
         }
       }
       CHECK(small.matrices > 50);
@@ -169,8 +173,8 @@ TEST_CASE("lpips: unsuitable images and weights are rejected", "[metrics]") {
                     Catch::Contains("tensor 'features.5.weight' is missing"));
 }
 
-// The values are from torch 1.13 on a CPU, and are listed in the README of the data.
-TEST_CASE("lpips: reference values of the published networks", "[metrics]") {
+// The reference values were computed with torch 1.13 on a CPU, and are listed in the README of the data.
+TEST_CASE("lpips: the published networks give the reference values", "[metrics]") {
   UBS_REQUIRE_DATA(folder, "lpips_weights");
   if (!UBS_WITH_OPENCV) {
     WARN("skipped: this build cannot read images");
@@ -202,14 +206,15 @@ TEST_CASE("lpips: reference values of the published networks", "[metrics]") {
       for (const NamedValue& value : metrics.lpips(up.a, up.b)) {
         if (value.name != lpips_name(proof.network, LpipsRange::signed_one)) continue;
         CAPTURE(proof.network, proof.image);
-        // Required: 1e-4. Observed: 2.1e-7 (PoCL), which is two units of the last given digit.
+        // Required are 1e-4. Observed are 2.1e-7 with PoCL, which is two units of the last digit of
+        // `distance`.
         CHECK(value.value == Approx(proof.distance).margin(4e-7).epsilon(0));
       }
     }
   }
 }
 
-TEST_CASE("ssim: whole windows agree with brute force", "[metrics]") {
+TEST_CASE("ssim: the mean over windows inside the image agrees with a direct evaluation", "[metrics]") {
   for (const auto& device : devices_under_test()) {
     INFO(device->info().name);
     ImageMetrics metrics(*device, {});
@@ -232,7 +237,7 @@ TEST_CASE("ssim: whole windows agree with brute force", "[metrics]") {
 
 namespace {
 
-// Simulates stages in which one operation takes a known time, and the others take no time.
+// Simulates stages in which a step of Adam takes 0.125 s, and all other operations take no time.
 class SlowAdam final : public Stages {
  public:
   explicit SlowAdam(test::SimulatedTime& time) : time_(time) {}
@@ -277,7 +282,8 @@ TEST_CASE("stage times: sampled calls represent all calls, and evaluations are n
   REQUIRE(times.size() == 2);
   CHECK(times[0].stage == "adam");
   CHECK(times[0].calls == 400);
-  CHECK(times[0].sampled == 7 + 4);  // 29, 82, ..., 347, and iterations with a refinement
+  // Iterations 29, 82, ..., 347 and the 4 iterations with a refinement are sampled.
+  CHECK(times[0].sampled == 7 + 4);
   CHECK(times[0].seconds == 400 * 0.125);
   CHECK(times[1].stage == "relocate");
   CHECK(times[1].sampled == 4);

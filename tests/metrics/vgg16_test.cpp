@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Compares LPIPS with a VGG16 of full size and random weights, read from a safetensors file, with an
-// independent implementation of the network. It does not use the program's description of layers, so a wrong
-// order of layers, pooling or taps is detected. (metrics_test.cpp compares all networks with few channels,
-// layer by layer, based on the program's description.)
+// Tests LPIPS with a VGG16 of full size, whose random weights are read from a safetensors file. The expected
+// distances are computed by an independent implementation of the network. It does not use the list of layers
+// in ubs, so a wrong order of layers, pooling or taps is detected. (metrics_test.cpp compares all networks
+// with few channels, but uses the list of layers in ubs.)
 #include <catch2/catch.hpp>
 
 #include "host/check/metric_inputs.hpp"
@@ -17,8 +17,9 @@ namespace {
 
 using namespace ubs;
 
-// Configuration D of Simonyan and Zisserman with the numbers of torchvision (`features`, including ReLUs and
-// poolings), and with the taps of LPIPS: the last ReLU before each pooling, and the last one of all.
+// A convolution of VGG16 (configuration D of Simonyan and Zisserman). `number` is its index in torchvision's
+// `features`, which also counts ReLUs and poolings. `tap` marks the layers whose output LPIPS compares: the
+// last ReLU before each pooling, and the last ReLU of the network.
 struct Vgg16Layer {
   int number, in, out;
   bool tap;  // pooling by two follows each tap except the last
@@ -29,7 +30,7 @@ constexpr Vgg16Layer kVgg16[] = {{0, 3, 64, false},    {2, 64, 64, true},     {5
                                  {21, 512, 512, true}, {24, 512, 512, false}, {26, 512, 512, false},
                                  {28, 512, 512, true}};
 
-// Uniform weights with the variance of He et al., so that activations neither vanish nor explode.
+// Returns uniform weights with the variance of He et al., so that activations neither vanish nor explode.
 TensorFile random_vgg16() {
   std::mt19937 generator(11);
   TensorFile file{"random", {}};
@@ -160,9 +161,10 @@ TEST_CASE("lpips: VGG16 of full size agrees with an independent implementation i
     for (const NamedValue& value : values) {
       CAPTURE(value.name, value.value, value.value - expected.at(value.name));
       REQUIRE(expected.at(value.name) > 0.02);
-      // Observed relative error: 2.7e-7 (PoCL).
+      // The largest observed relative error is 2.7e-7 (PoCL).
       CHECK(value.value == Approx(expected.at(value.name)).epsilon(5.4e-7));
     }
-    CHECK(std::abs(values[0].value - values[1].value) > 1e-3);  // the conventions differ
+    // The two input ranges must give different distances.
+    CHECK(std::abs(values[0].value - values[1].value) > 1e-3);
   }
 }

@@ -25,7 +25,8 @@ class Gradients {
         renderer_(device, *stages_) {
     renderer_.set_cameras({scene.views.views[0].camera});
   }
-  // Returns the gradients (splats, kGradStride) for this gradient of the image (3, height, width).
+  // Returns the gradients of the projected splats, an array of shape (splats, kGradStride), for the gradient
+  // `v_image` of the image, an array of shape (3, height, width).
   std::vector<float> of(std::span<const float> v_image) {
     renderer_.forward(model_.view(), 0, {}, true);
     const std::vector<float> padded = padded_planes(v_image, renderer_.shape());

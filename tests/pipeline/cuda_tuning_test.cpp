@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tests `ubs-lab tune` on CUDA devices: every candidate gives the results of the defaults, and the chosen
-// values are applied, stored and loaded again.
+// Tests `ubs-lab tune` on CUDA devices: every candidate of every tuned constant gives the same results as the
+// default, and the chosen values are applied, stored and loaded again.
 #include <algorithm>
 #include <catch2/catch.hpp>
 #include <set>
@@ -18,14 +18,14 @@ namespace {
 using test::cuda_devices;
 using test::Tuned;
 
-TEST_CASE("no candidate of CUDA changes the results of a training step", "[work]") {
+TEST_CASE("no candidate of a tuned constant of CUDA changes the results of a training step", "[work]") {
   const bench::BenchScene scene = bench::synthetic_object(6, 400, 40, 30, 1);
   const auto outputs = [&](Device& device) {
     return bench::StepBench(device, scene, RasterKind::gpu).outputs();
   };
   for (const auto& device : cuda_devices()) {
     const bench::Parts expected = outputs(*device);
-    for (const std::vector<float>& part : expected)  // not a trivial result
+    for (const std::vector<float>& part : expected)  // a part with only zeros would not show a difference
       REQUIRE(std::ranges::any_of(part, [](float v) { return v != 0; }));
     for (const TunedConstant& constant : dynamic_cast<TunableDevice&>(*device).tuned_constants()) {
       CHECK(constant.raster == RasterKind::gpu);
@@ -39,7 +39,7 @@ TEST_CASE("no candidate of CUDA changes the results of a training step", "[work]
   }
 }
 
-TEST_CASE("tune tries every structure of CUDA and leaves the device with the chosen values", "[work]") {
+TEST_CASE("tune tries every candidate of the CUDA back end and applies the chosen values", "[work]") {
   const bench::BenchScene scene = bench::synthetic_object(6, 100, 16, 16, 1);
   for (const auto& device : cuda_devices()) {
     const Tuned reset(*device, {});
@@ -59,7 +59,7 @@ TEST_CASE("tune tries every structure of CUDA and leaves the device with the cho
   }
 }
 
-TEST_CASE("a CUDA device is opened with its tuning file", "[work]") {
+TEST_CASE("opening a CUDA device applies the values of its tuning file", "[work]") {
   const test::TempFolder folder;
   const test::Variable place("UBS_TUNING_DIR", folder.path().c_str()), on("UBS_TUNING", nullptr);
   const std::vector<DeviceInfo> devices = list_devices();

@@ -65,11 +65,12 @@ void check_usage(const std::string& part, const Action& action) {
 }
 
 TEST_CASE("arrays of a renderer in device memory equal the copied values") {
-  for (const ubs_device_info& device :
-       Device::list()) {  // the names of internal headers would collide with those of ubs.hpp
+  // The list of the library is used instead of devices_under_test(), because the names in internal headers
+  // collide with those in ubs.hpp.
+  for (const ubs_device_info& device : Device::list()) {
     INFO(device.name);
-    const Device opened(std::string(device.backend) + ":" +
-                        device.name);  // a card may be listed by both back ends
+    // The back end is part of the name, because both back ends may list the same GPU.
+    const Device opened(std::string(device.backend) + ":" + device.name);
     const Model model = splats(1), other = splats(2), gradient(model);
     Renderer renderer(opened, model, UBS_RENDER_GRADIENTS), flat(opened, model, UBS_RENDER_DEPTH);
     const bool pocl_cpu =
@@ -81,7 +82,7 @@ TEST_CASE("arrays of a renderer in device memory equal the copied values") {
     check_usage("nothing has been rendered yet", [&] { renderer.array(UBS_ARRAY_RGB); });
     const ubs_array parameters = renderer.array(UBS_ARRAY_PARAMETERS);
     CHECK(parameters.shape[1] == 70);
-    if (parameters.type != 1) continue;  // memory of a card, which cannot be read here
+    if (parameters.type != 1) continue;  // the values are in the memory of a GPU, which this test cannot read
     CHECK(values_of(parameters) == values_of(model));
 
     const Picture picture = flat.draw(camera_of());
@@ -95,7 +96,8 @@ TEST_CASE("arrays of a renderer in device memory equal the copied values") {
     CHECK(alpha == picture.alpha);
     CHECK(*std::ranges::max_element(alpha) > 0.3f);
 
-    // Writes the values of another model in place, and compares the gradient of its image.
+    // Overwrites the parameters with those of another model, and compares images and gradients with those of
+    // a renderer that was created for this model.
     std::vector<float> v(3 * kWidth * kHeight);
     const CounterRandom random(3, 1);
     for (std::uint32_t i = 0; i < v.size(); ++i) v[i] = static_cast<float>(random.uniform(i, 0, -1, 1));
@@ -151,7 +153,7 @@ TEST_CASE("arrays of a renderer in device memory equal the copied values") {
       }
     CHECK(seen > 20);
     check_usage("group 1 does not exist", [&] { renderer.array(UBS_ARRAY_GRADIENT, 1); });
-    check_usage("without depth", [&] { renderer.array(UBS_ARRAY_DEPTH); });
+    check_usage("without UBS_RENDER_DEPTH", [&] { renderer.array(UBS_ARRAY_DEPTH); });
   }
 }
 

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tests rendering without gradients: all work of a view is submitted to a GPU before the host reads the size
-// of its lists. Results equal those of a renderer that waits, even if the lists did not fit.
+// Tests rendering without gradients. On a GPU, the renderer submits all work of a view before the host knows
+// the sizes of the lists of intersections, using buffers with the capacity that earlier views needed. The
+// results must equal those of a renderer that waits for the sizes, even if the capacity turns out to be too
+// small.
 #include <array>
 #include <catch2/catch.hpp>
 #include <set>
@@ -33,6 +35,7 @@ class Drawing {
     const ListTotals totals = renderer_.forward(model.view(), 0, {}, false);
     return {totals, renderer_.download().rgb};
   }
+  // Returns whether the last view waited for the sizes of its lists.
   bool waited() const { return stages_.last<CountLists>().totals.size == 0; }
 
  private:
@@ -55,7 +58,7 @@ TEST_CASE("the work of a view is submitted to GPUs before its lists are counted"
       const Drawn expected = fresh.draw(large);
       REQUIRE(expected.totals.intersections > 0);
       const Drawn first = drawing.draw(small);
-      CHECK(drawing.waited());  // no capacity at the beginning
+      CHECK(drawing.waited());  // the capacity is unknown before the first view
       CHECK(drawing.draw(small) == first);
       CHECK(drawing.waited() == !gpu);
       CHECK(drawing.draw(large) == expected);
@@ -66,7 +69,7 @@ TEST_CASE("the work of a view is submitted to GPUs before its lists are counted"
     }
 }
 
-TEST_CASE("on cards, a view without gradients needs no slots, masks and states, and has the same image",
+TEST_CASE("with the GPU rasteriser, a view without gradients needs no slots, masks and states",
           "[renderer]") {
   const bench::BenchScene scene = bench::random_start(3, 3000, 64, 64);
   for (const auto& device : devices_under_test()) {
@@ -124,7 +127,7 @@ TEST_CASE("the capacity of uncounted lists is slightly larger than recent views 
   }
 }
 
-// Also tests different alignments of the rows and of the caller's memory.
+// Tests image sizes and target addresses with different alignments.
 TEST_CASE("images equal the planes of the device, pixel by pixel", "[renderer]") {
   for (const auto& device : devices_under_test())
     for (const auto& [width, height] : {std::pair{1, 1}, {3, 2}, {61, 45}, {160, 3}}) {

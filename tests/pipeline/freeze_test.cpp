@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tests frozen parameter groups: they have no gradient, moments or steps, and the other groups are not
-// affected.
+// Tests frozen parameter groups (the setting `freeze`): they have no gradients and no moments, training does
+// not change their values, and the gradients of the other groups are the same as without `freeze`.
 #include <catch2/catch.hpp>
 #include <cstring>
 #include <map>
@@ -15,9 +15,10 @@
 namespace ubs {
 namespace {
 
-using Rows = std::map<int, std::vector<float>>;  // by parameter row
+using Rows = std::map<int, std::vector<float>>;  // the key is the parameter row
 
-// Returns the gradient of a smooth loss with respect to the trained rows, after two views of a batch.
+// Returns the gradient of the training loss, summed over two views of a batch, with respect to the parameter
+// rows that are not frozen.
 Rows gradient_rows(Device& device, const oracle::Scene& scene, KernelConfig config, std::uint32_t frozen) {
   config.frozen = frozen;
   const auto stages = make_stages(device, config);
@@ -72,14 +73,15 @@ TEST_CASE("freezing groups does not change the bits of the other gradients", "[f
       {3, splats3d, RasterKind::cpu, {"sh_rest", "xyz,scale,rotation"}}};
   for (const auto& device : devices_under_test())
     for (const Case& c : cases) {
-      if (on_host(*device) && c.raster == RasterKind::gpu) continue;  // compiling one of them is enough
+      // The CUDA back end on the host takes long to compile a program, so it skips the second case.
+      if (on_host(*device) && c.raster == RasterKind::gpu) continue;
       const oracle::Scene scene = oracle::regular_scene(
           {.count = 150, .dim = c.dim, .seed = 9, .width = 61, .height = 45, .variant = c.variant});
       KernelConfig config{.dim = c.dim, .raster = c.raster, .query_grad = c.dim == 3, .variant = c.variant};
       const Rows all = gradient_rows(*device, scene, config, 0);
       for (const std::string& freeze : c.freeze) {
-        // Each case compiles a program. Tests only the first case if programs of CUDA are compiled by the
-        // host, otherwise two, and all with UBS_TEST_ALL=1.
+        // Each text of `freeze` needs another program. CUDA on the host tests only the first text, because
+        // compiling takes long there. Other devices test two texts, or all of them with UBS_TEST_ALL=1.
         const auto number = &freeze - c.freeze.data();
         if (number >= (on_host(*device) ? 1 : test::whole_sweep() ? 9 : 2)) continue;
         const std::uint32_t frozen = frozen_groups(scene.model.layout(), freeze);
@@ -128,7 +130,8 @@ TEST_CASE("training does not change frozen groups", "[freeze][training][opencv]"
   }
 }
 
-// Groups that refinement copies without change may be frozen.
+// Colours may be frozen although refinement adds splats, because refinement copies colours without changing
+// them.
 TEST_CASE("frozen colours are copied by relocation and growth", "[freeze][training][opencv]") {
   const test::Data data = test::synthetic("glossy", 32, 4);
   for (const auto& device : devices_under_test()) {

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Compares a 3DGS file on a device with an independent float64 renderer of 3DGS. The file is written here
-// byte by byte, so that reading is also tested. Also tests that a model of Gaussians looks the same after
-// export to every format.
+// Loads a 3DGS file, renders it on a device, and compares the image with that of an independent float64
+// renderer of 3DGS. The test writes the file byte by byte, so that the loader is also tested. Also tests that
+// a model of Gaussians looks the same after it is exported to PLY or SPZ and loaded again.
 #include <cstring>
 
 #include "host/base/philox.hpp"
@@ -96,7 +96,7 @@ double largest_difference(const RenderedView& a, const RenderedView& b) {
 
 }  // namespace
 
-TEST_CASE("foreign splats: a 3DGS file is rendered as in float64", "[foreign][exact]") {
+TEST_CASE("foreign splats: images of a 3DGS file agree with those in float64", "[foreign][exact]") {
   const TempFolder folder;
   const auto gaussians = scene();
   put_ply(folder / "g.ply", gaussians);
@@ -122,13 +122,13 @@ TEST_CASE("foreign splats: a 3DGS file is rendered as in float64", "[foreign][ex
       INFO(device->info().name << " view " << view << ": " << worst << ", edges " << edges / 3);
       CHECK(spread > 0.5);
       CHECK(edges < truth.rgb.size() / 10);
-      CHECK(worst < 4.3e-6);  // PoCL (AVX-512): 2.1e-6
+      CHECK(worst < 4.3e-6);  // observed on PoCL with AVX-512: 2.1e-6
     }
 }
 
-// The float64 renderer uses a scale of zero for discs, while ubs raises it to the minimum fraction of the
-// largest scale (kernels/limits.h).
-TEST_CASE("foreign splats: flat ones are rendered as discs", "[foreign][exact]") {
+// Flat splats have one scale of (nearly) zero. The float64 renderer uses this scale, while ubs raises it to a
+// minimum fraction of the largest scale (kernels/limits.h). The images must nevertheless be nearly equal.
+TEST_CASE("foreign splats: flat splats are rendered as discs", "[foreign][exact]") {
   const TempFolder folder;
   auto gaussians = scene();
   for (std::size_t i = 0; i < gaussians.size(); ++i)
@@ -168,8 +168,10 @@ TEST_CASE("foreign splats: Gaussians look the same before and after conversion t
       return largest_difference(before,
                                 draw(*device, load_splat_model(folder / file).model.groups.front(), 1));
     };
-    CHECK(after("a.ply") < 6.6e-7);  // PoCL: 3.3e-7, the rounding of raw scales
-    CHECK(after("a.spz") < 0.037);   // PoCL: 0.0185, eight bits per value
+    // Observed on PoCL: 3.3e-7 for PLY, due to the rounding of scales, and 0.0185 for SPZ, which stores most
+    // values with eight bits.
+    CHECK(after("a.ply") < 6.6e-7);
+    CHECK(after("a.spz") < 0.037);
     CHECK(after("a.spz") > 1e-4);
   }
 }

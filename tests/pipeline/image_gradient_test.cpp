@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Compares the gradient of weighted sums of colours, alpha and depth of a rendered view with float64.
+// Compares the gradients of weighted sums of the colours, alpha and depth of a rendered view with gradients
+// that the oracle computes in float64.
 #include "host/pipeline/image_gradient.hpp"
 
 #include <fmt/format.h>
@@ -20,9 +21,11 @@
 namespace ubs {
 namespace {
 
+// Gradients with respect to the parameters of the splats, and with respect to the rotation, the translation,
+// the intrinsics and the query values of the camera.
 struct Actual {
   SplatModel parameters;
-  std::vector<float> turn, shift, intrinsics, query;  // of the camera
+  std::vector<float> turn, shift, intrinsics, query;
 };
 
 Actual actual_gradient(Device& device, Stages& stages, const oracle::Scene& scene,
@@ -54,7 +57,8 @@ TEST_CASE("gradients of colours, alpha and depth with respect to parameters and 
        {7, {}},
        {3,
         {.rot_mode = RotMode::quaternion, .kernel = SpatialKernel::gaussian, .colour = ColourMode::sh3}}}));
-  // N = 7 includes everything that N = 6 tests. On the device "CUDA on the host", it also replaces N = 3.
+  // N = 7 includes everything that N = 6 tests, so N = 6 is skipped. On the device "CUDA on the host", which
+  // is slow, N = 3 is also skipped. UBS_TEST_ALL=1 tests all of them.
   if (variant == ModelVariant{} && (dim == 6 || (dim == 3 && on_host(*devices_under_test()[0]))) &&
       !test::whole_sweep())
     return;
@@ -91,9 +95,9 @@ TEST_CASE("gradients of colours, alpha and depth with respect to parameters and 
           REQUIRE(norm > 0);
           const double error = test::relative_error(found, reference);
           fmt::print("raster {}, N = {}  {:8} {:12} {:.2e}\n", test::text(raster), dim, name, what, error);
-          // Largest errors observed on PoCL: 9.7e-5 for xyz from alpha with N = 6, and 2.3e-4 for scale from
-          // alpha with N = 7. The largest error for the camera, where contributions of splats cancel, is
-          // 4.4e-4, for the translation from alpha with N = 7.
+          // The largest errors on PoCL occur in gradients of alpha: 9.7e-5 for xyz with N = 6, and 2.3e-4 for
+          // scale with N = 7. Errors for the camera are larger, because contributions of splats cancel. The
+          // largest is 4.4e-4, for the translation with N = 7.
           const bool camera = what == "turn" || what == "shift" || what == "intrinsics" || what == "query";
           CHECK(error <= (camera ? 8.7e-4 : dim == 7 ? 4.5e-4 : 1.9e-4));
         };
@@ -113,8 +117,9 @@ TEST_CASE("gradients of colours, alpha and depth with respect to parameters and 
     }
 }
 
-// Tests the part on the host: more splats than lanes, groups (the first and last of which are invisible), and
-// the two representations of a pose.
+// Tests the part that the host computes: the sum over lanes with more splats than lanes, the sum over groups
+// of splats, of which the first and the last are invisible, and the conversion of the gradient of the pose to
+// that of the matrix.
 TEST_CASE("the gradient of a camera is the sum over groups and lanes, for the pose and for the matrix",
           "[pipeline]") {
   oracle::SceneOptions options{.count = 9000, .dim = 6, .seed = 3, .width = 50, .height = 40};

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tests that kernels and buffers that are not used are not compiled, allocated or launched: compares
-// rendering with training.
+// Tests that rendering does not compile, allocate or launch kernels and buffers that only training needs.
 #include <catch2/catch.hpp>
 
 #include "host/base/error.hpp"
@@ -46,7 +45,7 @@ void render(Device& device, const test::Data& data, RasterKind raster) {
 }
 
 TEST_CASE("rendering builds, allocates and launches nothing that only training needs", "[left_out][opencv]") {
-  if (opencl_devices_under_test().empty()) return;  // kernels and buffers are those of OpenCL
+  if (opencl_devices_under_test().empty()) return;  // the expected names are those of the OpenCL back end
   const test::Data data = test::synthetic("glossy", 32, 4);
   const auto drawing = fresh_device();
   render(*drawing, data, RasterKind::cpu);
@@ -88,7 +87,6 @@ TEST_CASE("rendering builds, allocates and launches nothing that only training n
   CHECK_FALSE(opencl_of(*groups).compiled_kernels().contains("raster_gpu_backward"));
 }
 
-// Stages without a backward pass do not change the image.
 TEST_CASE("stages without a backward pass render the same bits", "[left_out][opencv]") {
   const test::Data data = test::synthetic("glossy", 64, 4);
   const SplatModel model = initialise_random(6, 500, 1);

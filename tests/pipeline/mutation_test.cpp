@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tests the tests: each backward formula in turn is scaled by 1.01 in a copy of the kernel sources, and the
-// comparison with the oracle must detect it. A mutation that is not detected shows a gap in the tests.
+// Tests that the comparison with the oracle detects errors. For each mutation below, a term of a formula,
+// most of them in the backward pass, is changed by about 1 % in a copy of the kernel sources. The comparison
+// must then find an error above its bound.
 #include <catch2/catch.hpp>
 #include <filesystem>
 
@@ -22,8 +23,9 @@ struct Mutation {
   const char* mutant;
 };
 
-// Each mutation costs a compilation, so only every second one is run, which includes at least one per file.
-// With UBS_TEST_ALL=1 all are run. The original texts of all mutations must exist.
+// Each mutation needs a compilation, so only every second one is run, which includes at least one per file.
+// With UBS_TEST_ALL=1, all are run. The test also fails if the original text of a mutation is not in the
+// sources.
 constexpr Mutation kMutations[] = {
     {"math/blend.h", "sums.opacity += a.falloff * v_alpha;",
      "sums.opacity += V(1.01) * a.falloff * v_alpha;"},
@@ -81,7 +83,8 @@ double worst_group_error(const Scenes& s) {
 
 TEST_CASE("a backward formula scaled by 1.01 is detected", "[mutation]") {
   const Scenes s = make_scene();
-  constexpr double kBound = 4.0e-5;  // as for the regular scene with N = 5 in oracle_comparison_test.cpp
+  // The same bound as for the gradient of the regular scene with N = 5 in oracle_comparison_test.cpp.
+  constexpr double kBound = 4.0e-5;
   CHECK(worst_group_error(s) < kBound);
   for (std::size_t n = 0; n < std::size(kMutations); ++n) {
     const Mutation& m = kMutations[n];

@@ -27,9 +27,10 @@ std::vector<double> interleaved(const std::vector<double>& planar, int width, in
   return out;
 }
 
-// Returns the target, changed so that every value differs from the image by at least 1e-4. |image - target|
-// has a kink at 0, where rounding determines the sign of its gradient. In one case, a value with a difference
-// of 3.3e-8 changed all gradients of the variant sh1 by 3e-4 on an H200.
+// Returns the target image of the scene, changed so that every value differs from the rendered image by at
+// least 1e-4. The loss contains |image - target|, whose gradient changes its sign where the difference is 0,
+// so for very small differences rounding would determine the sign. In one case on an H200, a single value
+// with a difference of 3.3e-8 changed all gradients of the variant sh1 by 3e-4.
 std::vector<double> target_off_the_kink(const oracle::Scene& scene, const oracle::Options& options) {
   constexpr float kLeast = 1e-4f;
   const oracle::Render image = oracle::render(oracle::to_model(scene.model), scene.camera, options);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Compares one view on one device and rasteriser with the float64 oracle: image, alpha, depth, and the
-// gradient of the loss by parameter group. Errors are printed.
+// Functions that render one view on one device with one rasteriser, and compare it with the float64 oracle:
+// the image, alpha, depth, and the gradient of the loss for each parameter group. They print the errors.
 #pragma once
 
 #include <string>
@@ -16,11 +16,14 @@ struct Case {
   std::string name;
 };
 
+// Returns "cpu" or "gpu".
 std::string text(RasterKind kind);
 
-// bound: limit of the absolute error of image and alpha, and of the relative 2-norm error of the depth.
+// Compares image and alpha, and the depth if the configuration has depth. `name` labels the printed errors.
+// `bound` limits the absolute errors of image and alpha, and the relative 2-norm error of the depth.
 void compare_forward(const Case& c, const std::string& name, const oracle::Scene& scene, double bound);
-// bound: limit of the relative 2-norm error of each parameter group.
+// Compares the gradient of the training loss. `bound` limits the relative 2-norm error of each parameter
+// group. If `expect_gradient` is true, the expected gradient must not be zero.
 void compare_gradient(const Case& c, const std::string& name, const oracle::Scene& scene, double bound,
                       bool expect_gradient = true);
 

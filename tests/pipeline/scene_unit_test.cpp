@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tests the unit of a scene: if a model, its cameras and its clipping planes are multiplied by a length, the
-// images do not change, and the depth at which cameras see points is scaled.
+// Tests the unit of a scene (the setting `unit`): if all lengths of a model, of its cameras and of the
+// clipping planes are multiplied by the same factor, the images do not change, and the depth at which cameras
+// see points is multiplied by this factor.
 #include "host/scene/scene_unit.hpp"
 
 #include <catch2/catch.hpp>
@@ -37,8 +38,8 @@ double largest_difference(const std::vector<float>& a, const std::vector<float>&
   return largest;
 }
 
-// Compares depths times alpha, because at nearly transparent pixels the depth is a quotient of two small
-// numbers.
+// Returns the depth times alpha of each pixel, in multiples of `unit`. The depth itself is not compared,
+// because at nearly transparent pixels it is a quotient of two small numbers.
 std::vector<float> depths(const RenderedView& view, double unit) {
   std::vector<float> out = view.depth;
   for (std::size_t i = 0; i < out.size(); ++i) out[i] *= static_cast<float>(view.alpha[i] / unit);
@@ -69,7 +70,7 @@ TEST_CASE("unit: a scaled model gives the same images", "[unit]") {
     }
 }
 
-TEST_CASE("unit: the depth at which cameras see points", "[unit]") {
+TEST_CASE("unit: the median depth of points is proportional to the size of the scene", "[unit]") {
   std::vector<Camera> cameras;
   for (int i = 0; i < oracle::kRingCameras; ++i) cameras.push_back(oracle::ring_camera({}, i));
   PointCloud points;
@@ -92,10 +93,10 @@ TEST_CASE("unit: the depth at which cameras see points", "[unit]") {
   for (double& value : cameras.back().translation) value *= 10;
   CHECK(median_depth(cameras, points).value() == Approx(depth).epsilon(0.02));
   points.positions.resize(5);
-  CHECK_FALSE(median_depth(cameras, points));  // too few to decide
+  CHECK_FALSE(median_depth(cameras, points));  // a camera must see at least ten points
 }
 
-TEST_CASE("unit: settings and views of training", "[unit]") {
+TEST_CASE("unit: lengths in settings and views are divided by the unit, other values are kept", "[unit]") {
   TrainSettings settings;
   settings.unit = 20;
   settings.near_plane = 0.2, settings.far_plane = 400, settings.init_extent = 30;

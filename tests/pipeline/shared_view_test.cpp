@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tests views that ranks render together (SharedRenderer), in one process and on every device. With and
-// without direct access of the ranks to the memory of cards, image and gradients are bit-identical to those
-// of a renderer with all splats.
+// Tests views that ranks render together (SharedRenderer): each rank has a part of the splats. The ranks are
+// simulated in one process, on every device. Images and gradients must be bit-identical to those of a
+// renderer with all splats, whether or not ranks can directly access the memory of each other's GPUs.
 #include <catch2/catch.hpp>
 #include <cstring>
 
@@ -15,7 +15,8 @@
 namespace ubs {
 namespace {
 
-// Simulates ranks in a single thread: when one rank sends messages, the others find them here.
+// Stores the messages between simulated ranks, which run in a single thread. Desk is the communicator of one
+// rank, and Mail is an exchange of messages between all ranks.
 class Office {
  public:
   Office(int ranks, bool takes_cards) : takes_cards_(takes_cards), sent_(static_cast<std::size_t>(ranks)) {}
@@ -70,7 +71,8 @@ SplatModel part(const SplatModel& model, const Share& share) {
   return out;
 }
 
-// Sets the gradient of a loss whose derivative with respect to the colours is the image itself.
+// Copies the image to the buffer for its gradient. This is the gradient of half the sum of the squared
+// colours.
 void differentiate(Device& device, Renderer& renderer) {
   const BufferView<float> image = renderer.image(), v_image = renderer.v_image();
   device.copy(*image.memory, 0, *v_image.memory, 0, image.size * sizeof(float));
@@ -104,10 +106,10 @@ TEST_CASE("views that ranks render together are bit-identical to those of one pr
   REQUIRE(scene.views.views.size() >= 4);
   for (const auto& device : test::devices_under_test())
     for (const bool takes_cards : {false, true}) {
-      INFO(describe(device->info()) << (takes_cards ? ", ranks reach cards" : ""));
-      // The ranks of this test copy memory with memcpy, which cannot read the memory of a real card.
+      INFO(describe(device->info()) << (takes_cards ? ", ranks access GPU memory" : ""));
+      // The ranks of this test copy memory with memcpy, which cannot read the memory of a real GPU.
       if (takes_cards && device->info().backend == "cuda" && !test::on_host(*device)) {
-        WARN(device->info().name << ": ranks that reach cards are not tested here");
+        WARN(device->info().name << ": skipped: this test cannot simulate ranks that access GPU memory");
         continue;
       }
       const auto stages = make_stages(*device, {.dim = 6, .raster = RasterKind::gpu});
@@ -120,8 +122,8 @@ TEST_CASE("views that ranks render together are bit-identical to those of one pr
       std::vector<std::unique_ptr<Rank>> ranks;
       for (int r = 0; r < kRanks; ++r)
         ranks.push_back(std::make_unique<Rank>(*device, office, r, scene, kRanks));
-      // There are four views. The third rank renders none in the second round, whose records are sent during
-      // the first.
+      // There are four views in two rounds. In the second round, only the first rank renders a view. The
+      // records of the second round are sent while the views of the first round are rendered.
       const std::vector<std::vector<std::int64_t>> deal{{0, 1, 2}, {3, kNoView, kNoView}};
       std::vector<std::array<SharedRenderer::Round, 2>> rounds(kRanks);
       const auto begin = [&](std::size_t round) {

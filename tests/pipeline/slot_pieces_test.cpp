@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // Tests gradient slots that do not fit into a single allocation of the device and are divided into several
-// buffers. Gradients are bit-identical to those with a single buffer, and slots that do not fit at all are
-// rejected with a message that contains the numbers. The limits are simulated by a device object.
+// buffers. Gradients must be bit-identical to those with a single buffer. If the slots do not even fit into
+// eight buffers or into the memory, the error message must contain the number of slots or intersections. The
+// limits are simulated by device objects with smaller limits.
 #include <bit>
 #include <catch2/catch.hpp>
 #include <cmath>
@@ -41,7 +42,8 @@ struct Result {
   unsigned pieces = 0;
 };
 
-// `again`: the view is rendered with the bound of the previous view, which is the same view.
+// Renders the view and returns its gradient. If `again` is true, the view is rendered a second time before
+// the backward pass, and the capacity of its lists is the one that the first time needed.
 Result gradient_of(Device& device, const bench::BenchScene& scene, const KernelConfig& config,
                    bool again = false) {
   CaptureStages capture(make_stages(device, config));
@@ -75,8 +77,8 @@ TEST_CASE("gradient slots in several buffers give the same bits as in one", "[sl
   for (const auto& device : opencl_devices_under_test())
     for (const RasterKind raster : {RasterKind::cpu, RasterKind::gpu}) {
       KernelConfig config{.dim = 3, .raster = raster};
-      // Cards also have list states of 8 bytes per pair, which must fit into a single allocation. So there
-      // are at most five buffers.
+      // The GPU rasteriser also needs list states of 8 bytes per intersection, which must fit into a single
+      // allocation. So its slots can be divided into at most five buffers.
       const bench::BenchScene scene = wide_splats(raster == RasterKind::cpu ? 960 : 600);
       const Result whole = gradient_of(*device, scene, config);
       REQUIRE(whole.pieces == 1);
@@ -101,14 +103,14 @@ std::string refusal(Device& device, const bench::BenchScene& scene) {
     CHECK(error.kind() == ErrorKind::memory);
     return error.what();
   }
-  return "not refused";
+  return "no error was thrown";
 }
 
 TEST_CASE("gradient slots that exceed all buffers or the memory are rejected with a message", "[slots]") {
   const bench::BenchScene scene = wide_splats();
   for (const auto& device : opencl_devices_under_test()) {
     const std::uint64_t pairs = gradient_of(*device, scene, {.dim = 3}).intersections;
-    const std::uint64_t each = std::bit_floor(pairs - 1) >> 3;  // more than eight of them would be needed
+    const std::uint64_t each = std::bit_floor(pairs - 1) >> 3;  // more than eight buffers would be needed
     opencl::OpenclDevice pieces = limited(*device, each * kSlotBytes);
     CHECK_THAT(refusal(pieces, scene), Catch::Contains(std::to_string(pairs) + " intersections"));
     opencl::OpenclDevice memory = limited(*device, pairs * kSlotBytes, pairs * kSlotBytes + (100 << 10));
@@ -118,7 +120,7 @@ TEST_CASE("gradient slots that exceed all buffers or the memory are rejected wit
   }
 }
 
-TEST_CASE("gradient slots: a plan reports how many fit", "[slots][plan]") {
+TEST_CASE("gradient slots: a memory plan reports slots that do not fit", "[slots][plan]") {
   DeviceInfo device;
   device.name = "small";
   device.max_allocation_bytes = std::uint64_t{1} << 30;

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Tests that ground-truth images are transferred correctly to the device. Some images stay on the device, and
-// others pass through staging buffers. They are uploaded ahead or when they are needed, also while earlier
-// readers of the same staging buffer are still in the queue.
+// others are uploaded to staging buffers, either ahead of time or when they are needed. This must also work
+// while earlier commands that read the same staging buffer are still in the queue.
 #include "host/train/target_images.hpp"
 
 #include <catch2/catch.hpp>
@@ -33,7 +33,7 @@ Split images() {
 TEST_CASE("target images are uploaded without changes", "[training]") {
   const Split split = images();
   for (const auto& device : devices_under_test())
-    for (const std::size_t resident : {0, 2, 9})  // images for which there is room
+    for (const std::size_t resident : {0, 2, 9})  // number of images for which the device has memory
       for (const bool ahead : {false, true}) {
         DYNAMIC_SECTION(device->info().name << ", room for " << resident << ", ahead " << ahead) {
           TargetImages targets(*device, resident * kBytes);

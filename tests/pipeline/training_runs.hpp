@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Short training runs on the built-in scenes for the tests of training.
+// Helpers for tests that train: built-in scenes, settings of short runs, and a function that trains.
 #pragma once
 
 #include <cstring>
@@ -41,7 +41,7 @@ inline TrainSettings short_run(int dim, int iterations, int splats) {
   return settings;
 }
 
-// An empty split, for trainings that do not measure test views.
+// An empty split, for training runs without test views.
 inline const Split kNone{"test", {}};
 
 inline SplatModel start(const TrainSettings& s) {

@@ -24,7 +24,7 @@ TEST_CASE("training reaches the expected quality on the built-in scenes", "[trai
   struct Row {
     const char* scene;
     int dim;
-    double floor;  // test PSNR [dB]; about 1 dB below the value when the test was written (PoCL)
+    double floor;  // minimum test PSNR [dB], about 1 dB below the value on PoCL when the test was written
   };
   for (const auto& device : devices_under_test())
     for (const Row& row :
@@ -39,7 +39,7 @@ TEST_CASE("training reaches the expected quality on the built-in scenes", "[trai
     }
 }
 
-TEST_CASE("two runs give identical bits", "[training][determinism]") {
+TEST_CASE("two training runs with the same seed give identical bits", "[training][determinism]") {
   const Data data = synthetic("glossy", 40, 10);
   for (const auto& device : devices_under_test())
     for (const std::string& raster : raster_names_of(*device)) {
@@ -59,7 +59,10 @@ TEST_CASE("two runs give identical bits", "[training][determinism]") {
     }
 }
 
-// The number of splats grows by a factor of five, and views differ, so the capacity is exceeded repeatedly.
+// Compares the two values of the setting list_counts. With `bound`, a step starts with the capacity of the
+// lists of intersections that earlier views needed, and is repeated if it was too small. Here, this happens
+// repeatedly, because the number of splats grows by a factor of five, and views differ. With `wait`, a step
+// waits for the size of its lists.
 TEST_CASE("training with a bound of the lists gives the same bits as waiting for their size",
           "[training][determinism]") {
   const Data data = synthetic("glossy", 40, 10);
@@ -76,7 +79,8 @@ TEST_CASE("training with a bound of the lists gives the same bits as waiting for
   for (const auto& device : devices_under_test())
     for (const std::string& raster : raster_names_of(*device))
       for (const int batch : {1, 3}) {
-        // Both rasterisers have the lists of the last view, so one is enough for batches of three views.
+        // The handling of the lists does not depend on the rasteriser, so testing batches of three views with
+        // one of them is enough.
         if (batch == 3 && raster == "gpu" && !test::whole_sweep()) continue;
         DYNAMIC_SECTION(device->info().name << ", raster " << raster << ", batch " << batch) {
           TrainSettings settings = short_run(6, 80, 300);
@@ -85,7 +89,7 @@ TEST_CASE("training with a bound of the lists gives the same bits as waiting for
           settings.refine.step = 1500;
           settings.batch = batch;
           settings.raster = raster;
-          settings.eval_every = "30";  // in between, the same renderer renders other views
+          settings.eval_every = "30";  // so that the same renderer also renders test views during training
           settings.list_counts = ListCounts::wait;
           IntersectionCount waited, bounded;
           const auto [expected, expected_losses] = run(*device, settings, waited);
@@ -97,7 +101,7 @@ TEST_CASE("training with a bound of the lists gives the same bits as waiting for
           CHECK(found.moment2 == expected.moment2);
           CHECK(losses == expected_losses);
           CHECK(waited.repeated == 0);
-          CHECK(bounded.repeated >= 3);  // 4 on PoCL
+          CHECK(bounded.repeated >= 3);  // observed on PoCL: 4
           CHECK(bounded.repeated < 40);
           CHECK(bounded.most == waited.most);
           CHECK(bounded.total == waited.total);
@@ -106,7 +110,7 @@ TEST_CASE("training with a bound of the lists gives the same bits as waiting for
       }
 }
 
-TEST_CASE("the gradient of a batch is the mean over its views", "[training]") {
+TEST_CASE("training with batches of four views reduces the loss", "[training]") {
   const Data data = synthetic("glossy", 40, 8);
   for (const auto& device : devices_under_test()) {
     TrainSettings settings = short_run(6, 60, 500);
@@ -127,7 +131,7 @@ TEST_CASE("the cap is raised to the initial count and never exceeded", "[trainin
   }
 }
 
-TEST_CASE("every view is visited once per epoch, and the order only depends on the counter", "[training]") {
+TEST_CASE("every view is used once per epoch, and the order only depends on seed and counter", "[training]") {
   ViewOrder order(7, 13);
   std::vector<std::uint32_t> first;
   for (std::uint64_t draw = 0; draw < 39; ++draw) first.push_back(order(draw));
@@ -143,18 +147,18 @@ TEST_CASE("every view is visited once per epoch, and the order only depends on t
   CHECK(again(5) == first[5]);
 }
 
-TEST_CASE("lego at 200x200 is learned", "[training][data]") {
+TEST_CASE("training on lego at 200x200 reaches the expected quality", "[training][data]") {
   if (!test::whole_sweep()) return;
   UBS_REQUIRE_DATA(folder, "lego_200");
   const Data data = load(folder);
   for (const auto& device : devices_under_test()) {
     const Outcome outcome = train(*device, short_run(6, 500, 10000), data);
     WARN("lego_200, 6-D, 500 iterations: test PSNR " << outcome.test.mean.psnr << " dB");
-    CHECK(outcome.test.mean.psnr > 19.0);  // 19.96 when written (PoCL)
+    CHECK(outcome.test.mean.psnr > 19.0);  // PoCL reached 19.96 dB when this test was written
   }
 }
 
-TEST_CASE("a view with a background of its own is trained in front of it", "[training]") {
+TEST_CASE("a view with its own background is trained with this background, without sky", "[training]") {
   Data data = synthetic("glossy", 32, 2);
   data.train.views[1].background = {0.25f, 0.5f, 0.75f};
   for (const RandomBackground random : {RandomBackground::off, RandomBackground::on}) {

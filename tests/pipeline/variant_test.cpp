@@ -14,12 +14,13 @@
 namespace ubs {
 namespace {
 
-// These variants cover every part of the projection that CUDA compiles differently: both spatial kernels, and
-// all parameterisations of the covariance.
+// Variants that are tested with the CUDA back end on the host. They cover every part of the projection that
+// CUDA compiles differently: both spatial kernels, and all parameterisations of the covariance.
 constexpr std::string_view kOnHost[] = {"3DGS", "6DGS", "skew_nd whiten sh2 antialias", "direct gaussian"};
 
-// These variants are redundant: the other variants contain every value of every switch, and tests/math tests
-// each variant separately. Therefore, they are only tested with UBS_TEST_ALL=1.
+// Variants (with their numbers of dimensions) that are only tested with UBS_TEST_ALL=1, because they are
+// redundant: the other variants contain every value of every setting that selects a variant, and tests/math
+// tests each variant separately.
 constexpr std::pair<std::string_view, int> kElsewhere[] = {{"quaternion", 3},
                                                            {"cholesky", 3},
                                                            {"cholesky", 6},
@@ -35,12 +36,13 @@ constexpr std::pair<std::string_view, int> kElsewhere[] = {{"quaternion", 3},
                                                            {"7DGS", 7},
                                                            {"direct", 4},
                                                            {"direct", 5}};
-// Variants whose rasteriser or colours differ from those of other variants. They are also tested with the
-// second rasteriser.
+// Variants whose rasteriser or colours differ from those of other variants. Only they are also tested with
+// the GPU rasteriser on devices that have both rasterisers.
 constexpr std::string_view kSecondRaster[] = {"DBS", "3DGS", "direct 6DGS"};
 
-// The scene has no spatial betas below 2.4. Their steep rim costs three digits of float32 in all variants
-// (the regular scenes of oracle_comparison_test.cpp include it) and would hide errors of formulas.
+// Returns a scene whose splats have raw spatial betas of at least -0.5, which is a beta of 2.4. A smaller
+// beta makes the rim of a splat so steep that three digits of float32 are lost in all variants, which would
+// hide errors of formulas. The regular scenes of oracle_comparison_test.cpp also contain smaller betas.
 oracle::Scene variant_scene(const test::NamedVariant& v) {
   oracle::Scene scene = oracle::regular_scene({.count = 200,
                                                .dim = v.dim,
@@ -53,7 +55,8 @@ oracle::Scene variant_scene(const test::NamedVariant& v) {
   return scene;
 }
 
-// Values of switches, by index.
+// Returns the values that occur in these variants: pairs of the index of a setting in variant_numbers() and
+// its value.
 std::set<std::pair<std::size_t, int>> values_of(const std::vector<test::NamedVariant>& variants) {
   std::set<std::pair<std::size_t, int>> values;
   for (const test::NamedVariant& v : variants) {
@@ -87,8 +90,8 @@ TEST_CASE("variants agree with float64", "[oracle][variants]") {
     for (const RasterKind raster : rasters_of(*device))
       for (const test::NamedVariant& v : variants_of_all_dims()) {
         if (on_host(*device) && !std::ranges::count(kOnHost, v.name)) continue;
-        // The rasteriser only depends on the spatial kernel of the variant, so the second kind of rasteriser
-        // is tested with a few variants.
+        // The rasteriser only depends on the spatial kernel of the variant, so the GPU rasteriser is tested
+        // with a few variants if the device also has the CPU rasteriser.
         if (rasters_of(*device).size() > 1 && raster == RasterKind::gpu && !test::whole_sweep() &&
             !std::ranges::count(kSecondRaster, v.name))
           continue;
@@ -101,13 +104,13 @@ TEST_CASE("variants agree with float64", "[oracle][variants]") {
           config.variant = v.variant;
           const test::Case c{*device, config, ""};
           const oracle::Scene scene = variant_scene(v);
-          test::compare_forward(c, "variant " + v.name, scene, 3.2e-6);   // worst observed 1.6e-6 (alpha)
-          test::compare_gradient(c, "variant " + v.name, scene, 4.8e-6);  // worst observed 2.4e-6 (xyz)
+          test::compare_forward(c, "variant " + v.name, scene, 3.2e-6);   // largest observed 1.6e-6 (alpha)
+          test::compare_gradient(c, "variant " + v.name, scene, 4.8e-6);  // largest observed 2.4e-6 (xyz)
         }
       }
 }
 
-TEST_CASE("incompatible choices are rejected", "[variants]") {
+TEST_CASE("incompatible settings of a variant are rejected", "[variants]") {
   for (const auto& device : devices_under_test()) {
     KernelConfig config;
     config.dim = 6;

@@ -12,8 +12,9 @@
 namespace ubs {
 namespace {
 
-// One variant for each parameter layout, and each combination whose kernels differ in structure.
-// test_variants compares the results of the others with float64. With UBS_TEST_ALL=1 all are trained.
+// The variants that are trained, with their numbers of dimensions: one for each parameter layout, and one for
+// each combination of settings whose kernels differ in structure. pipeline/variant_test.cpp compares results
+// of all variants with float64. With UBS_TEST_ALL=1, all variants are trained.
 constexpr std::pair<std::string_view, int> kSample[] = {
     {"no query betas", 6}, {"DBS", 3}, {"skew_nd whiten sh2 antialias", 7}, {"direct", 6}, {"direct 6DGS", 6},
     {"3DGS", 3},           {"7DGS", 7}};

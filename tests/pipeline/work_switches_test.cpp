@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tests the work that kernels skip: blocks and splats without effect, and with alpha_min also small
-// contributions. Results agree with float64, and the error of alpha_min stays within its stated bound.
+// Tests the work that kernels skip: blocks and splats without effect on the image and, with the setting
+// alpha_min, also contributions with a smaller alpha. Images and gradients must agree with float64, and the
+// error that alpha_min causes must be within the bound that is derived below.
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -21,12 +22,13 @@
 namespace ubs {
 namespace {
 
-constexpr std::size_t kOpaque = 200;  // splats of the opaque scene
+constexpr std::size_t kOpaque = 200;  // number of splats of the opaque scene
 
 oracle::Scene scene_of(ModelVariant variant = {}, std::size_t count = 400) {
   oracle::Scene scene = oracle::regular_scene(
       {.count = count, .dim = 4, .seed = 3, .width = 93, .height = 71, .variant = variant});
-  if (variant.has_spatial_beta())  // as in variant_test.cpp
+  // Steep rims would hide errors, see variant_scene() in variant_test.cpp.
+  if (variant.has_spatial_beta())
     for (float& b : scene.model.row(scene.model.layout().beta)) b = std::max(b, -0.5f);
   return scene;
 }
@@ -39,7 +41,7 @@ oracle::Scene opaque_scene() {
 struct DrawnView {
   std::vector<float> image, alpha, gradient;
   ListTotals totals;
-  std::size_t blocks = 0;  // 4x4 blocks in the masks of all splats
+  std::size_t blocks = 0;  // number of 4x4 blocks that are set in the masks of all intersections
 };
 
 DrawnView view_of(Device& device, const oracle::Scene& scene, RasterKind raster, float alpha_min = 0) {
@@ -84,7 +86,7 @@ TEST_CASE("a view skips work without effect", "[work]") {
       }
 }
 
-TEST_CASE("alpha_min agrees with float64", "[work][oracle]") {
+TEST_CASE("alpha_min agrees with float64: images and gradients", "[work][oracle]") {
   for (const auto& device : devices_under_test())
     for (const RasterKind raster : rasters_of(*device))
       for (const ModelVariant& variant : {ModelVariant{}, ModelVariant{.kernel = SpatialKernel::gaussian}}) {
@@ -96,19 +98,21 @@ TEST_CASE("alpha_min agrees with float64", "[work][oracle]") {
         const test::Case c{*device, config, ""};
         const oracle::Scene scene = scene_of(variant, 200);
         const std::string name = "alpha_min " + to_string(variant);
-        test::compare_forward(c, name, scene, 2.1e-6);   // worst observed 1.5e-6 (alpha)
-        test::compare_gradient(c, name, scene, 3.6e-6);  // worst observed 1.8e-6 (xyz)
+        test::compare_forward(c, name, scene, 2.1e-6);   // largest observed 1.5e-6 (alpha)
+        test::compare_gradient(c, name, scene, 3.6e-6);  // largest observed 1.8e-6 (xyz)
       }
 }
 
-// A skipped contribution changes the pixel by T alpha (colour - colour of everything behind), which is at
-// most alpha_min times the range R of colours and background. So n of them change it by at most n alpha_min
-// R. Without them, more light passes, so that blending may stop at a different splat. Stopping ignores the
-// remaining light S, which changes the pixel by at most S R, with and without alpha_min. Hence |difference|
-// <= R (n alpha_min + S + S').
+// Let R be the range of all colours and the background. Skipping a contribution changes the pixel by T alpha
+// (c minus b), where T is the transmittance in front of the splat, c its colour, and b the colour of
+// everything behind it. This is at most alpha_min R, so skipping n contributions changes the pixel by at most
+// n alpha_min R. It also makes the transmittance larger, so that blending may stop at another splat. If
+// blending stops at a transmittance S, the rest is ignored, which changes the pixel by at most S R. This
+// happens with alpha_min (S) and without it (S'). Hence the difference of the two images is at most R (n
+// alpha_min + S + S').
 TEST_CASE("the error of alpha_min stays within its bound", "[work]") {
   for (const auto& device : devices_under_test())
-    for (const float more_opacity : {0.0f, 5.0f})  // with a larger value, blending stops at more pixels
+    for (const float more_opacity : {0.0f, 5.0f})  // with 5, blending stops early at more pixels
       for (const float alpha_min : {1.0f / 255, 0.02f}) {
         oracle::Scene scene = scene_of();
         for (float& raw : scene.model.row(scene.model.layout().opacity)) raw += more_opacity;
@@ -146,7 +150,7 @@ TEST_CASE("the error of alpha_min stays within its bound", "[work]") {
       }
 }
 
-TEST_CASE("the minimum alpha of the settings", "[work]") {
+TEST_CASE("alpha_min must be 0 or at least 1e-6", "[work]") {
   TrainSettings settings;
   settings.alpha_min = 0.25;
   validate(settings);

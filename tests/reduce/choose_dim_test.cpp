@@ -45,7 +45,7 @@ TEST_CASE("dim auto: dimensions that differ between the views are used", "[reduc
   CHECK(choose_dim(views).dim == 7);
 }
 
-TEST_CASE("dim auto: no direction if the scene is seen from only one", "[reduce]") {
+TEST_CASE("dim auto: the direction is not used if all cameras have the same direction", "[reduce]") {
   std::vector<View> views = ring(1);
   CHECK(choose_dim(views).dim == 3);
   CHECK_THAT(choose_dim(views).reason, Contains("a single view"));
@@ -57,17 +57,19 @@ TEST_CASE("dim auto: no direction if the scene is seen from only one", "[reduce]
   for (std::size_t i = 0; i < 4; ++i) views[i].camera.extra = {static_cast<double>(i)};
   CHECK(choose_dim(views).dim == 5);
   for (std::size_t i = 0; i < 4; ++i) views[i].camera.extra = {0.0, static_cast<double>(i)};
-  CHECK(choose_dim(views).dim == 9);  // three further values are only possible together with a direction
+  // Time and two further values are only possible together with the direction.
+  CHECK(choose_dim(views).dim == 9);
   CHECK_THAT(choose_dim(views).reason, Contains("the direction is included"));
 
-  // With parallel cameras side by side, the distance of the scene is unknown, so the direction is kept.
+  // Parallel cameras side by side see the scene from different directions if it is near. As its distance is
+  // unknown, the direction is used.
   views.assign(3, ring(1)[0]);
   for (std::size_t i = 0; i < 3; ++i) views[i].camera.translation[0] += static_cast<double>(i);
   CHECK(choose_dim(views).dim == 6);
   CHECK_THROWS_WITH(choose_dim(std::vector<View>{}), Contains("the training split has none"));
 }
 
-TEST_CASE("dim auto: can be set like any other value", "[reduce]") {
+TEST_CASE("dim auto: the setting dim accepts auto and numbers, and other settings reject auto", "[reduce]") {
   TrainSettings settings;
   const auto fields = bind_fields(settings, train_fields());
   set_field(fields, "dim=auto", "--set");

@@ -24,13 +24,13 @@ MixedModel three_groups() {
 
 }  // namespace
 
-TEST_CASE("mixed file: round trip", "[reduce]") {
+TEST_CASE("mixed file: a model that is written and read again is the same", "[reduce]") {
   const TempFolder folder;
   const MixedModel model = three_groups();
   write_mixed_ply(folder / "m.ply", model, std::vector<std::string>{"ubs_offset 1 2 3"});
   const std::string text = get(folder / "m.ply");
   CHECK(text.find("comment ubs groups 7,6,3\n") != std::string::npos);
-  CHECK(text.find("element vertex 5\n") != std::string::npos);  // the part that other tools read
+  CHECK(text.find("element vertex 5\n") != std::string::npos);  // the only element that other tools read
   CHECK(text.find("element vertex_6d 3\n") != std::string::npos);
   CHECK(text.find("element vertex_3d 70\n") != std::string::npos);
 

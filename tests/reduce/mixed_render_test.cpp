@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tests rendering groups of splats into one image, and the gradients of each group.
+// Tests rendering a model whose groups of splats have different dimensions into one image, and the gradients
+// of each group.
 #include <catch2/catch.hpp>
 
 #include "host/api/replacement.hpp"
@@ -16,8 +17,9 @@ using namespace ubs::test;
 
 namespace {
 
-// Splits a model into two groups with the splats [0, cut) and [cut, count). A file could not store these
-// groups, but the image is bit-identical to that of the whole model.
+// Splits a model into two groups with the splats [0, cut) and [cut, count). Both have the same dimension,
+// which a file could not store, but they can be rendered, and the image must be bit-identical to that of the
+// whole model.
 struct Halves {
   Device& device;
   std::unique_ptr<Stages> stages;
@@ -34,7 +36,7 @@ struct Halves {
 
 }  // namespace
 
-TEST_CASE("groups of one model give its image and gradient bit for bit", "[reduce][mixed]") {
+TEST_CASE("a model that is split into two groups gives the same image and gradient", "[reduce][mixed]") {
   for (const auto& device : devices_under_test())
     for (const RasterKind raster : rasters_of(*device))
       for (const std::size_t cut : {std::size_t{77}, std::size_t{128}, std::size_t{199}}) {
@@ -82,8 +84,8 @@ TEST_CASE("groups of one model give its image and gradient bit for bit", "[reduc
       }
 }
 
-// A 6-D model in which the direction has no effect on every third splat, and the same model with these splats
-// converted to 3-D.
+// Renders a 6-D model in which the direction has no effect on every third splat, after these splats are
+// converted to 3-D, and compares image and gradients with those of the original model in float64.
 TEST_CASE("converting splats without directional effect to 3-D does not change the image",
           "[reduce][mixed]") {
   for (const auto& device : devices_under_test())
@@ -92,8 +94,8 @@ TEST_CASE("converting splats without directional effect to 3-D does not change t
         oracle::Scene scene =
             oracle::regular_scene({.count = 200, .dim = 6, .seed = 5, .width = 61, .height = 45});
         const ParameterLayout layout = scene.model.layout();
-        for (float& b : scene.model.row(layout.beta))
-          b = std::max(b, -0.5f);  // no steep rims (variant_test.cpp)
+        // Steep rims would hide errors, see variant_scene() in pipeline/variant_test.cpp.
+        for (float& b : scene.model.row(layout.beta)) b = std::max(b, -0.5f);
         std::vector<std::size_t> kept, turned;
         for (std::size_t i = 0; i < scene.model.count; ++i) (i % 3 == 0 ? turned : kept).push_back(i);
         for (const std::size_t i : turned)
@@ -118,10 +120,9 @@ TEST_CASE("converting splats without directional effect to 3-D does not change t
         const std::size_t pixels = interleaved.size() / 3;
         for (std::size_t c = 0; c < 3; ++c)
           for (std::size_t i = 0; i < pixels; ++i) interleaved[3 * i + c] = expected.image[c * pixels + i];
-        CHECK(max_abs_error(image.rgb, interleaved) <= 3.2e-6);  // as in variant_test.cpp
+        CHECK(max_abs_error(image.rgb, interleaved) <= 3.2e-6);  // the same bound as in variant_test.cpp
 
-        // Compares the gradients of the rows that both models have with those of the unreduced model in
-        // float64.
+        // Compares gradients for the parameters that 3-D and 6-D splats have in common.
         const oracle::Gradient reference = oracle::gradient(oracle::to_model(scene.model), scene.camera,
                                                             scene.target, {.background = scene.background});
         const MixedViewGradient gradient =
@@ -143,7 +144,7 @@ TEST_CASE("converting splats without directional effect to 3-D does not change t
                   reference.values[static_cast<std::size_t>(old + r) * scene.model.count + turned[i]]);
             }
           INFO("rows from " << old);
-          CHECK(relative_error(actual, wanted) <= 4.8e-6);  // as in variant_test.cpp
+          CHECK(relative_error(actual, wanted) <= 4.8e-6);  // the same bound as in variant_test.cpp
         }
       }
     }

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tests `ubs reduce`, `--dim auto` and mixed files as users run them.
+// Tests the command `ubs reduce`, `ubs train --dim auto`, and the commands that read models whose splats have
+// different dimensions.
 #include <algorithm>
 #include <catch2/catch.hpp>
 #include <cstdlib>
@@ -15,7 +16,8 @@ using namespace ubs::test;
 using Catch::Contains;
 using nlohmann::json;
 
-TEST_CASE("cli: train --dim auto, reduce, and commands that read the result", "[reduce]") {
+TEST_CASE("cli: train --dim auto chooses N = 7, reduce makes the model smaller, and other commands read it",
+          "[reduce]") {
   const TempFolder folder;
   put_scene(folder / "data", 32, 8, 3, "orbit");
   const json trained = json::parse(ubs_ok(folder,
@@ -54,7 +56,7 @@ TEST_CASE("cli: train --dim auto, reduce, and commands that read the result", "[
   CHECK(planned["start"]["splats"] == model.count());
   ubs_ok(folder, "bench --model r.ply --data data --run model --min-time 0 --max-time 0.1 --json b.json");
   const json timed = json::parse(get(folder / "b.json"))["devices"][0]["cases"];
-  REQUIRE(timed.size() == 1);  // only rendering
+  REQUIRE(timed.size() == 1);  // models with several groups can only be rendered, so there is one case
   CHECK(timed[0]["name"].get<std::string>().starts_with("render.model."));
   CHECK(timed[0]["median_ms"].get<double>() > 0);
   check_error(folder, "compare --devices cpu --model r.ply --data data", 2, "splats of different dimensions");
@@ -65,7 +67,8 @@ TEST_CASE("cli: train --dim auto, reduce, and commands that read the result", "[
       json::parse(ubs_ok(folder, "convert r.ply g.splat --data data --time 0.5 --distill 0 --json").out);
   CHECK(exported["splats"].get<std::size_t>() <= model.count());
   CHECK(exported["splats"].get<std::size_t>() > 50);
-  // A single time without the direction gives a lower quality, but still an image of the scene.
+  // The exported file has a single time and no direction, so its quality is lower, but it must still be
+  // similar to the scene.
   CHECK(exported["psnr_after"].get<double>() > 5);
   CHECK(exported["psnr_before"].get<double>() > exported["psnr_after"].get<double>());
   for (const char* name : {"g.ply", "g.spz"})
@@ -96,9 +99,10 @@ TEST_CASE("cli: reduce keeps a given number of splats, or as many as fit into a 
     ubs_ok(folder, fmt::format("reduce run data --out small.ply --size {} --quiet --overwrite", megabytes));
     const auto size = static_cast<double>(std::filesystem::file_size(folder / "small.ply"));
     CHECK(size <= 1e6 * megabytes);
-    CHECK(size > 1e6 * megabytes - 1000);  // a splat has at most 176 bytes
+    CHECK(size > 1e6 * megabytes - 1000);  // a splat has 176 bytes or fewer, so another one would have fitted
   }
-  // The splats that contribute most are kept.
+  // More splats give a higher PSNR. If the model has fewer splats with an effect than --splats allows, the
+  // result is that of a lossless reduction.
   const auto psnr = [&](const std::string& options) {
     return json::parse(ubs_ok(folder, "reduce run data --out x.ply --json --quiet --overwrite " + options)
                            .out)["train"]["after"]["psnr"]

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Functions for parts of models, and a small scene with splats that can be removed.
+// Functions that copy some splats of a model, and a small scene with splats that `ubs reduce` can remove or
+// convert to fewer dimensions.
 #pragma once
 
 #include <numeric>
@@ -23,12 +24,13 @@ inline SplatModel part(const SplatModel& model, std::size_t first, std::size_t e
   return selection(model, splats);
 }
 
-// A regular scene with 300 splats. Splats with i % 10 == 1 have an opacity of 0, those with i % 10 == 2 are
-// far outside of all views, and for i % 10 == 3 the direction has no effect (or the time, for N = 7 and i %
-// 20 == 13).
+// A regular scene with 300 splats. Splats with i % 10 == 1 have an opacity of 0. Splats with i % 10 == 2 are
+// far outside all views. On splats with i % 10 == 3, no query value has an effect, except if N = 7 and i % 20
+// == 13: then only the time has no effect.
 struct ReduceScene {
   MixedModel model;
-  std::vector<Camera> cameras;  // the last one is not a training view
+  std::vector<Camera> cameras;  // kTraining training views and one test view
+  // The number of training views, and the number of splats of each of the kinds above.
   static constexpr std::size_t kTraining = 5, kEach = 30;
 
   explicit ReduceScene(int dim) {

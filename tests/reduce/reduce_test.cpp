@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tests the reduction of small models on every OpenCL device and rasteriser: lossless reduction, and the
-// bound of lossy reduction.
+// Tests the reduction of small models on every device and rasteriser: lossless reduction does not change the
+// training views, and lossy reduction changes no view by more than its bound.
 #include <algorithm>
 #include <catch2/catch.hpp>
 #include <cmath>
@@ -17,7 +17,7 @@ using namespace ubs::reduce;
 
 namespace {
 
-// A model on a device with its renderer over all cameras of the scene.
+// A model on a device, and a renderer for all cameras of the scene.
 struct Drawn {
   DeviceGroups groups;
   Renderer renderer;
@@ -30,7 +30,7 @@ struct Drawn {
     renderer.forward(groups.view(), view, settings(), false);
     return renderer.download();
   }
-  // A sky that is red on one side.
+  // Returns settings with a sky that is red on one side.
   static RenderSettings settings() {
     RenderSettings settings{.background = {0.2f, 0.1f, 0.9f}};
     settings.sky = {0.2f, 0.1f, 0.9f};
@@ -39,13 +39,15 @@ struct Drawn {
   }
 };
 
-// One view of a model: the image, and for each pixel the sum of T alpha over the splats that are marked in
-// `changed`, and the remaining light. The colours of the records range from `low` to `high`.
+// One view of a model. `image` is the image. `changed` contains for each pixel the sum of T alpha over the
+// marked splats, where T is the transmittance in front of a splat. `left` is the transmittance after the last
+// splat. The colours of the splats in the view range from `low` to `high`.
 struct MarkedView {
   std::vector<float> image, changed, left;
   float low = 0, high = 0;
 };
 
+// Renders a view of the model in which the splats with changed[i] == true are marked.
 MarkedView draw_marked(Device& device, Drawn& drawn, std::uint32_t view, const std::vector<bool>& changed) {
   drawn.renderer.forward(drawn.groups.view(), view, Drawn::settings(), false);
   const RasterForward lists = drawn.renderer.last_lists();
@@ -71,19 +73,21 @@ MarkedView draw_marked(Device& device, Drawn& drawn, std::uint32_t view, const s
 }
 
 struct ChangeOfViews {
-  double measured = 0, bound = 0;  // largest
-  std::size_t beyond = 0;          // values that change by more than their bound
+  double measured = 0, bound = 0;  // the largest change of a value, and the largest bound of a value
+  std::size_t beyond = 0;          // number of values that change by more than their own bound
 };
 
 // Returns the largest change of the views, its largest bound, and how many values exceed their bound.
 //
-// Let T_j be the light that remains in front of splat j at a pixel, a_j its alpha, c_j its colour, and B_j
-// the colour of everything behind it. Removing j changes the pixel by T_j a_j (B_j - c_j). If splats are
-// removed from back to front, no step changes T of a later one, and B_j remains a mean of colours of splats
-// and background. With their range G, and D = sum T_j a_j over the removed splats, the pixel changes by at
-// most G D. A splat with reduced dimensions is first removed (D of the model before) and then added (D of the
-// model after). If blending stops at the pixel in one of the images, it may continue in the other one with
-// the remaining light T_stop <= 0.1. Then the change is at most G (2 D + T_stop).
+// Derivation of the bound of a pixel: let T_j be the transmittance in front of splat j at the pixel, a_j its
+// alpha, c_j its colour, and B_j the colour of everything behind it. Removing j changes the pixel by T_j a_j
+// (B_j - c_j). If splats are removed from back to front, no removal changes T of a splat that is removed
+// later, and B_j is always a mean of colours of splats and background. Let G be the range of these colours,
+// and D the sum of T_j a_j over the removed splats. Then the pixel changes by at most G D. A splat whose
+// dimensions are reduced counts as removed from the model before the reduction and added to the model after
+// it, so D is the sum over both models. If blending stops at this pixel in one of the images, at the
+// transmittance T_stop <= 0.1, it may continue in the other image. Then the change is at most G (2 D +
+// T_stop).
 ChangeOfViews change_of(Device& device, const KernelConfig& config, const ReduceScene& scene, Drawn& before,
                         const Reduced& reduced) {
   constexpr double kRounding = 1e-5;  // rounding of float32, in both images
@@ -126,16 +130,17 @@ void for_each_case(const Function& function) {
 
 }  // namespace
 
-TEST_CASE("smaller dimensions", "[reduce]") {
+TEST_CASE("smaller_dims() returns the dimensions to which a splat can be reduced", "[reduce]") {
   CHECK(smaller_dims(3).empty());
   CHECK(smaller_dims(4) == std::vector<int>{3});
   CHECK(smaller_dims(6) == std::vector<int>{3});
   CHECK(smaller_dims(7) == std::vector<int>{3, 4, 6});
   CHECK(smaller_dims(8) == std::vector<int>{3, 5, 6});
-  CHECK(smaller_dims(9) == std::vector<int>{3, 6});  // three values without direction would be N = 6
+  // Time and two further values without the direction would also be N = 6, which means the direction alone.
+  CHECK(smaller_dims(9) == std::vector<int>{3, 6});
 }
 
-TEST_CASE("lossless reduction keeps the bits of the training views", "[reduce]") {
+TEST_CASE("lossless reduction does not change the training views", "[reduce]") {
   for_each_case([](Device& device, const KernelConfig& config, const ReduceScene& scene) {
     Drawn before(device, scene.model, config, scene.cameras);
     const Contributions contributions = measure_contributions(device, before.renderer, before.groups,
@@ -152,8 +157,9 @@ TEST_CASE("lossless reduction keeps the bits of the training views", "[reduce]")
     Drawn after(device, reduced.model, config, scene.cameras);
     for (std::uint32_t v = 0; v < ReduceScene::kTraining; ++v) {
       const RenderedView a = before.draw(v), b = after.draw(v);
-      // 7-D splats without time become 6-D. The pivots of their query factors differ, so they round
-      // differently. On a card (H200, CUDA) the kernels for N = 3 and N = 6 also round differently.
+      // For N = 6, all bits must be equal on CPUs. For N = 7, splats on which the time has no effect become
+      // 6-D, and are rounded differently, because the pivots of their query factors differ. On GPUs (H200,
+      // CUDA), the kernels for N = 3 and N = 6 also round differently.
       const bool real_card = device.info().type == DeviceType::gpu && !on_host(device);
       const bool keeps_bits = config.dim < 7 && !real_card;
       CHECK((!keeps_bits || (a.rgb == b.rgb && a.alpha == b.alpha)));
@@ -190,8 +196,8 @@ TEST_CASE("lossy reduction stays within its bound on all views", "[reduce][openc
     CHECK(turned.dropped == 0);
     CHECK(turned.turned_count > 0);
     CHECK(turned.model.count() == scene.model.count());
-    // A bound that ignores the splats with reduced dimensions must be violated, which shows that the check
-    // can fail.
+    // If splats with reduced dimensions are not marked, their bound is 0 and must be exceeded. This shows
+    // that the check can fail.
     Reduced unaware = turned;
     std::ranges::fill(unaware.turned, std::uint8_t{0});
     CHECK(change_of(device, config, scene, before, unaware).beyond > 0);

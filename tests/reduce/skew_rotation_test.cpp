@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tests the parameters of a spatial covariance (host/api/skew_rotation.hpp).
+// Tests fit_skew_rotation(), which finds the raw rotation and the scales of a splat with a given covariance.
 #include "host/api/skew_rotation.hpp"
 
 #include <algorithm>
@@ -42,8 +42,8 @@ TEST_CASE("skew rotation: covariances are reproduced, or the reported error is c
       worst_exact = std::max(worst_exact, difference);
     }
   }
-  // As stated in method.md 2.1, these parameters cannot represent 9 % of the ellipsoids whose log scales have
-  // a standard deviation of 1. The error is at most 0.55.
+  // docs/method.md, section 2.1: these parameters cannot represent 9 % of the ellipsoids whose log scales
+  // have a standard deviation of 1. The largest observed error is 0.55.
   CHECK(inexact > kCount * 0.03);
   CHECK(inexact < kCount * 0.14);
   CHECK(worst < 1.1);

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Exposure and white balance of a photograph in double precision: y = (diag(exp d) + M) x + b, where the
-// diagonal of M is 0. The tape computes the derivative.
+// The correction of exposure and white balance (the setting `appearance`) in double precision: a colour x
+// becomes y = (diag(exp d) + M) x + b, where the diagonal of M is 0. The derivatives are computed by
+// automatic differentiation with a tape.
 #pragma once
 
 #include <array>
@@ -30,7 +31,8 @@ std::array<S, 3> balanced(const ColourBalance<S>& balance, const std::array<S, 3
   return out;
 }
 
-// Rows of four numbers: three factors, of which the diagonal one is the logarithm of a gain, and an offset.
+// Converts the 12 numbers of a view: for each of the three output channels, three factors and an offset. The
+// factor of the channel itself is stored as its logarithm.
 template <typename S>
 ColourBalance<S> balance_of(std::span<const S, 12> rows) {
   ColourBalance<S> b;
@@ -42,7 +44,7 @@ ColourBalance<S> balance_of(std::span<const S, 12> rows) {
   return b;
 }
 
-// image: (3, pixels).
+// Returns the image after the correction. Both images have the shape (3, pixels).
 inline std::vector<double> balanced_image(std::span<const double, 12> rows, std::span<const double> image) {
   const std::size_t pixels = image.size() / 3;
   std::vector<double> out(image.size());
@@ -59,7 +61,8 @@ struct BalanceGradient {
   std::vector<double> image;
 };
 
-// Computes the gradients from the gradient with respect to the balanced image.
+// Returns the gradients of a loss with respect to `rows` and `image`. v_balanced is the gradient with respect
+// to the corrected image.
 inline BalanceGradient balance_gradient(std::span<const double, 12> rows, std::span<const double> image,
                                         std::span<const double> v_balanced) {
   const std::size_t pixels = image.size() / 3;

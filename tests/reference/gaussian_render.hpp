@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// 3D Gaussian Splatting in double precision, implemented from its published definition and the columns of its
-// files, without the formulas, kernels or readers of ubs. Uses brute force: every splat at every pixel. A
-// splat ends where its alpha is below 1/255. The near plane is an argument.
+// A renderer of 3D Gaussian Splatting in double precision. It is implemented from the published definition of
+// the method and of the columns of its files, and uses no formulas, kernels or readers of ubs. It evaluates
+// every splat at every pixel and skips contributions with an alpha below 1/255.
 #pragma once
 
 #include <algorithm>
@@ -25,12 +25,14 @@ struct FileGaussian {
 
 struct GaussianImage {
   std::vector<double> rgb;  // (height, width, 3)
-  std::vector<bool>
-      knife_edge;  // (height, width): a value is within 1e-3 of a threshold, so single precision may differ
+  // (height, width): true if at this pixel, the alpha of a splat or the transmittance is within 0.1 % of a
+  // threshold, so that single precision may decide differently.
+  std::vector<bool> knife_edge;
 };
 
-// Returns the real harmonic with the number k = l l + l + m, computed from the complex one as sqrt 2 |Y_lm|
-// cos(m phi) or sin(|m| phi). 3DGS uses the Condon-Shortley phase, which std::sph_legendre includes.
+// Returns the real spherical harmonic with the number k = l l + l + m in the direction (theta, phi). It is
+// computed from the associated Legendre functions: sqrt 2 |Y_lm| cos(m phi) for m > 0, and sqrt 2 |Y_lm|
+// sin(|m| phi) for m < 0. 3DGS uses the Condon-Shortley phase, which std::sph_legendre includes.
 inline double real_harmonic(int k, double theta, double phi) {
   const int l = static_cast<int>(std::sqrt(k)), m = k - l * l - l;
   const double y = std::sph_legendre(static_cast<unsigned>(l), static_cast<unsigned>(std::abs(m)), theta);
@@ -40,7 +42,9 @@ inline double real_harmonic(int k, double theta, double phi) {
 namespace gaussian_detail {
 
 struct Footprint {
-  double depth, x, y, a, b, c, opacity;  // conic a dx dx + 2 b dx dy + c dy dy
+  // (x, y) is the position in the image [pixels]. At the offset (dx, dy) from it, alpha is the opacity times
+  // exp(-(a dx dx + 2 b dx dy + c dy dy) / 2).
+  double depth, x, y, a, b, c, opacity;
   std::array<double, 3> colour;
 };
 
@@ -63,6 +67,7 @@ inline std::array<double, 3> rotated(std::array<double, 4> q, const std::array<d
   return {out[1], out[2], out[3]};
 }
 
+// Projects a Gaussian to the image.
 inline Footprint footprint(const FileGaussian& g, const Camera& camera) {
   std::array<double, 3> p = turned(camera.rotation, {g.position[0], g.position[1], g.position[2]});
   for (std::size_t k = 0; k < 3; ++k) p[k] += camera.translation[k];
@@ -102,6 +107,7 @@ inline Footprint footprint(const FileGaussian& g, const Camera& camera) {
 
 }  // namespace gaussian_detail
 
+// Renders the Gaussians whose centre is not closer than the near plane.
 inline GaussianImage render_gaussians(const std::vector<FileGaussian>& gaussians, const Camera& camera,
                                       const std::array<double, 3>& background, double near_plane) {
   std::vector<gaussian_detail::Footprint> drawn;

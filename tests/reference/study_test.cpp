@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tests the clamps of the oracle, and how it classifies pixels whose value depends on rounding.
+// Tests the limits of parameters in the oracle, and study(), which marks pixels as undecided if rounding may
+// put a splat on either side of a threshold.
 #include "host/lab/oracle/study.hpp"
 
 #include <catch2/catch.hpp>
@@ -11,7 +12,8 @@
 namespace ubs::oracle {
 namespace {
 
-// One splat in front of a camera at the origin. For raw scales above 20, softplus is the identity.
+// A model with one splat in front of a camera at the origin. Its raw scales are above 20, where softplus is
+// the identity, so the scales are exactly 24 and the splat has a radius of 2 pixels.
 struct One {
   explicit One(int dim) : rows(dim) {
     model.dim = dim, model.count = 1;
@@ -43,7 +45,7 @@ TEST_CASE("a query scale is raised to a fraction of its row, and a row of zeros 
   one.camera.extra = {0.25};
   one.camera.time = 1e-9;
   for (const int q : {3, 4}) {
-    one.at(one.rows.scale + q) = -40;                   // s_q about 4e-18
+    one.at(one.rows.scale + q) = -40;                   // a query scale of about 4e-18
     one.at(one.rows.triangle + q * (q - 1) / 2) = 0.5;  // both rows point along x
   }
   const Footprint<double> lifted = footprint<double>(one.model.values, one.rows, one.camera, one.options);
@@ -53,7 +55,7 @@ TEST_CASE("a query scale is raised to a fraction of its row, and a row of zeros 
   const Footprint<double> least = footprint<double>(one.model.values, one.rows, one.camera, one.options);
   CHECK(lifted.mean[0] == Approx(least.mean[0]).epsilon(1e-12));
   CHECK(lifted.opacity == Approx(least.opacity).epsilon(1e-12));
-  CHECK(least.guards.kink);  // the derivative may be that of either side
+  CHECK(least.guards.kink);  // the scale is at its limit, so the derivative of either side is correct
   for (const int q : {3, 4}) {
     one.at(one.rows.scale + q) = -200;
     one.at(one.rows.triangle + q * (q - 1) / 2) = 0;
@@ -91,7 +93,7 @@ TEST_CASE("a spatial scale far below the largest is raised to a fraction of it",
   CHECK(tape.adjoint(raw[rows.scale].node()) == Approx(1e-4));
 }
 
-TEST_CASE("the factor of the query rows is that of a Cholesky factorisation", "[oracle][study]") {
+TEST_CASE("lower_orthogonal() gives the same factor as a Cholesky factorisation", "[oracle][study]") {
   Random random(5);
   Matrix<double> b(3, 6);
   for (int i = 0; i < 3; ++i)
@@ -111,11 +113,12 @@ TEST_CASE("without its floor, the tanh factor is limited at u = 1e4", "[oracle][
   CHECK(log_query_factor<double>(1e3, true) == Approx(-23 * std::log(2.0)));
 }
 
-TEST_CASE("a short quaternion tends to the identity rotation", "[oracle][study]") {
+TEST_CASE("the rotation of a quaternion of length 0 is the identity, and is continuous", "[oracle][study]") {
   const Matrix<double> r = quaternion_rotation<double>({0.0, 0.0, 0.0, 0.0});
   for (int i = 0; i < 3; ++i)
     for (int j = 0; j < 3; ++j) CHECK(r(i, j) == (i == j ? 1.0 : 0.0));
-  // At the length where they meet, the two definitions agree.
+  // The rotation has one definition for very short quaternions and another one for all others. They must
+  // agree at the length that separates them.
   const double half = 0.5e-12;
   const Matrix<double> below = quaternion_rotation<double>({half, half, half, half * (1 - 1e-12)});
   const Matrix<double> above = quaternion_rotation<double>({half, half, half, half * (1 + 1e-9)});
@@ -123,21 +126,21 @@ TEST_CASE("a short quaternion tends to the identity rotation", "[oracle][study]"
     for (int j = 0; j < 3; ++j) CHECK(below(i, j) == Approx(above(i, j)).margin(1e-8));
 }
 
-TEST_CASE("pixels on the rim are undecided, unless thresholds are declared exact", "[oracle][study]") {
-  One one(3);  // radius exactly 2 px around a pixel centre: four centres have r = 1
+TEST_CASE("pixels on the rim of a splat are undecided, unless the margin is 0", "[oracle][study]") {
+  One one(3);  // has a radius of 2 pixels around a pixel centre, so four other centres are exactly on the rim
   one.at(one.rows.beta) = -3;
   const Study s = one.study();
   CHECK(s.undecided_pixels == 4);
   CHECK(s.undecided[12 * 25 + 14] == 1);
   CHECK(one.study(0).undecided_pixels == 0);
-  one.at(one.rows.beta) = 2;  // falls to 0 at the rim, so the side of the pixel does not matter
+  one.at(one.rows.beta) = 2;  // alpha falls to 0 at the rim, so it does not matter on which side a pixel is
   CHECK(one.study().undecided_pixels == 0);
 }
 
 TEST_CASE("undecided pixels carry no gradient", "[oracle][study]") {
   One one(3);
   one.at(one.rows.beta) = -3;
-  for (int i = 0; i < 3; ++i) one.at(one.rows.scale + i) *= 1 + 1e-9;  // slightly inside
+  for (int i = 0; i < 3; ++i) one.at(one.rows.scale + i) *= 1 + 1e-9;  // puts four pixels just inside the rim
   const std::vector<double> weights(3 * 25 * 25, 1.0);
   const std::vector<double> all = weighted_gradient(one.model, one.camera, weights, one.options);
   const Study s = one.study();
@@ -153,7 +156,7 @@ TEST_CASE("a pixel is undecided if rounding determines whether alpha is limited"
   CHECK(one.study().undecided[12 * 25 + 12] == 0);
 }
 
-TEST_CASE("splats at the near plane are undecided within rounding only", "[oracle][study]") {
+TEST_CASE("a splat is undecided if only rounding separates it from the near plane", "[oracle][study]") {
   One one(3);
   one.options.near_plane = 96 * (1 + 1e-7);
   CHECK(one.study().undecided_splats == 1);
@@ -181,7 +184,7 @@ TEST_CASE("nearly equal depths make the order of splats undecided, equal depths 
   CHECK(undecided(0.1) == 0);
 }
 
-TEST_CASE("images of neighbours differ by about the rounding of the inputs", "[oracle][study]") {
+TEST_CASE("rounding the inputs changes the image by about the rounding error of float", "[oracle][study]") {
   const Scene scene = regular_scene({.count = 40, .dim = 6, .seed = 3, .width = 24, .height = 18});
   const std::vector<double> weights(3 * 24 * 18, 1.0);
   const Study s = study(to_model(scene.model), scene.camera, weights, {.background = scene.background}, {});

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Compares the variant formulas of the oracle with their defining properties: orthonormal harmonics and
-// orthogonal rotations.
+// Tests the formulas that the oracle uses for variants of the method: spherical harmonics must be
+// orthonormal, and rotations must be orthogonal.
 #include "host/lab/oracle/variant_formula.hpp"
 
 #include <catch2/catch.hpp>
@@ -25,7 +25,8 @@ double distance(const Matrix<double>& a, const Matrix<double>& b) {
 }
 
 TEST_CASE("spherical harmonics are orthonormal on the sphere", "[oracle][variants]") {
-  // Midpoints in the angle, Gauss-Legendre of order 8 in z: exact for the products of degree 6.
+  // Integrates the products with the midpoint rule in the angle and 8 Gauss-Legendre nodes in z. This is
+  // exact, because products of two harmonics have a degree of at most 6.
   const double nodes[4] = {0.1834346424956498, 0.5255324099163290, 0.7966664774136267, 0.9602898564975363};
   const double weights[4] = {0.3626837833783620, 0.3137066458778873, 0.2223810344533745, 0.1012285362903763};
   constexpr int kAngles = 16;
@@ -59,7 +60,7 @@ TEST_CASE("Cayley, exponential and quaternion rotations are orthogonal and agree
     const Matrix<double> q =
         quaternion_rotation<double>({std::cos(angle / 2), s * omega[0], s * omega[1], s * omega[2]});
     CHECK(distance(skew_rotation(a, RotMode::exp), q) < 1e-12);
-    // Small angles: all modes agree to their order.
+    // For small angles, all modes agree up to the order of their errors.
     const Matrix<double> small = scaled(a, 1e-3);
     CHECK(distance(skew_rotation(small, RotMode::taylor1), skew_rotation(small, RotMode::exp)) < 1e-4);
     CHECK(distance(skew_rotation(small, RotMode::taylor2), skew_rotation(small, RotMode::exp)) < 1e-7);

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tests parts of pages: escaping, data in script elements, histograms, and images as data URIs.
+// Tests the parts from which pages of `ubs report` are built: escaping, data in script elements, histograms,
+// and images as data URIs.
 #include <cmath>
 #include <limits>
 #include <numeric>
@@ -32,9 +33,9 @@ TEST_CASE("html: text is escaped, and the checker of pages detects errors", "[re
   CHECK(escape_html("gr\xc3\xbc\xc3\x9f \xf0\x9f\x8e\x89\t\n") == "gr\xc3\xbc\xc3\x9f \xf0\x9f\x8e\x89\t\n");
   CHECK(escape_html("a\xff"
                     "b\x01\x7f") == "a\\xffb\\x01\\x7f");
-  CHECK(escape_html("\xc3") == "\\xc3");                    // truncated
-  CHECK(escape_html("\xc0\xbc") == "\\xc0\\xbc");           // an overlong <
-  CHECK(escape_html("\xed\xa0\x80") == "\\xed\\xa0\\x80");  // a surrogate
+  CHECK(escape_html("\xc3") == "\\xc3");                    // a truncated sequence
+  CHECK(escape_html("\xc0\xbc") == "\\xc0\\xbc");           // an overlong encoding of '<'
+  CHECK(escape_html("\xed\xa0\x80") == "\\xed\\xa0\\x80");  // an encoded surrogate
   CHECK(escape_html("\xf4\x90\x80\x80") == "\\xf4\\x90\\x80\\x80");
 
   for (const char* wrong :
@@ -42,7 +43,7 @@ TEST_CASE("html: text is escaped, and the checker of pages detects errors", "[re
     CHECK_FALSE(check_html(wrong).error.empty());
 }
 
-TEST_CASE("html: pages with hostile titles and data", "[report]") {
+TEST_CASE("html: markup in the title or the data of a page is not interpreted", "[report]") {
   const std::string title = "</title><script>alert(1)</script>&",
                     data = "</script><!--<script>\xe2\x80\xa8\"'&";
   const std::string body = "<script id=\"data\" type=\"application/json\">" +
@@ -58,7 +59,7 @@ TEST_CASE("html: pages with hostile titles and data", "[report]") {
         Json::object({{data, data}}));
 }
 
-TEST_CASE("report page: style and script are complete, include the licence of Chart.js, and write no markup",
+TEST_CASE("report page: the script contains the licence of Chart.js and does not create elements from text",
           "[report]") {
   const std::string style = report_style().text, script = report_script().text;
   for (const std::string& text : {style, script}) CHECK_THAT(text, !Contains("</"));
@@ -68,7 +69,7 @@ TEST_CASE("report page: style and script are complete, include the licence of Ch
     CHECK_THAT(script, !Contains(name));
 }
 
-TEST_CASE("histogram: shares, edges and values outside", "[report]") {
+TEST_CASE("histogram: computes edges and shares, and counts values outside the edges", "[report]") {
   const Bins bins = make_bins(0.0, 1.0, 4);
   CHECK(bins.edges == std::vector<double>{0, 0.25, 0.5, 0.75, 1});
   const std::vector<double> values{0, 0.2, 0.25, 0.5, 1, -1, 7, kNan, 0.3, 0.3};
@@ -134,7 +135,7 @@ TEST_CASE("page image: data URIs contain the pixels", "[report]") {
   CHECK((decoded(photograph).cols == 300 && decoded(photograph).rows == 150));
 }
 
-TEST_CASE("page image: error, depth and alpha", "[report]") {
+TEST_CASE("page image: images of errors, depths and alpha, and the PSNR of two images", "[report]") {
   const auto flat = [](std::uint8_t v) { return Image8{2, 1, {v, v, v, v, v, v}}; };
   const auto sum = [](const Image8& image, std::size_t pixel) {
     return image.rgb[3 * pixel] + image.rgb[3 * pixel + 1] + image.rgb[3 * pixel + 2];
@@ -167,8 +168,8 @@ TEST_CASE("page image: error, depth and alpha", "[report]") {
   CHECK(grey_image(std::vector<float>{0, 0.5f, 2, nan}, 4, 1).rgb ==
         std::vector<std::uint8_t>{0, 0, 0, 128, 128, 128, 255, 255, 255, 0, 0, 0});
 
-  // The channels have an mse of (1/255)^2, (2/255)^2 and (4/255)^2. The PSNR is the mean of the three values,
-  // not that of the mean mse.
+  // The mean squared errors of the channels are (1/255)^2, (2/255)^2 and (4/255)^2. The result is the mean of
+  // the PSNRs of the channels, not the PSNR of the mean error.
   const double expected = 20 * std::log10(255.0) - 20 * std::log10(1.0 * 2 * 4) / 3;
   CHECK(psnr_channel_mean(Image8{1, 1, {10, 10, 10}}, Image8{1, 1, {11, 8, 14}}) == Approx(expected));
   CHECK(std::isinf(psnr_channel_mean(flat(3), flat(3))));

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Tests pages of `ubs report` in a real browser: report_page_test.py UBS.
+"""Tests pages of `ubs report` in a real browser. Run it as report_page_test.py UBS, where UBS is the path of the
+executable ubs.
 
 Exits with 77 if Chromium is not installed. UBS_CHROMIUM selects another browser that is based on Chromium."""
 
@@ -64,14 +65,14 @@ def one_run(page, folder, run):
     names = texts(page, "#measurements tbody th")
     assert metrics["test"]["views"][0]["name"] in names and "raster_backward" in names, names
 
-    # Charts show values under the pointer, and their axis can be changed. Smooth scrolling is disabled, because the
-    # pointer does not wait for it.
+    # Charts show values under the pointer, and a button changes the quantity on their x axis. Smooth scrolling is
+    # disabled, because the position of the chart would change after the test has read it.
     page.run("document.documentElement.style.scrollBehavior = 'auto'")
     page.run("document.getElementById('curves').scrollIntoView()")
     chart = "Chart.getChart(document.querySelector('.plot canvas'))"
     deadline, moves = time.time() + 300, 0
     while not page.run(f"{chart}.tooltip.opacity > 0"):
-        assert time.time() < deadline, "no values are shown under the pointer"
+        assert time.time() < deadline, "the chart shows no values under the pointer"
         x, y = page.run(f"(b => [b.left + b.width / 2, b.top + b.height / 2])({chart}.canvas.getBoundingClientRect())")
         page.mouse("mouseMoved", x + moves % 9, y)
         moves += 1
@@ -80,10 +81,10 @@ def one_run(page, folder, run):
     page.run("document.querySelectorAll('.choice button')[1].click()")
     assert page.run(f"{chart}.options.scales.x.title.text") == "seconds of training"
 
-    # Images of a set are enlarged together.
+    # Zooming into one image of a view enlarges all images of this view.
     page.run("document.querySelector('.pane').scrollIntoView({block: 'center'})")
     x, y = page.run("(b => [b.left + 20, b.top + 20])(document.querySelector('.pane').getBoundingClientRect())")
-    time.sleep(0.2)  # the page does not scroll
+    time.sleep(0.2)  # until the page has scrolled
     page.mouse("mouseMoved", x, y)
     page.mouse("mouseMoved", x + 5, y + 5)
     page.mouse("mouseWheel", x + 5, y + 5, deltaX=0, deltaY=-400)
@@ -121,7 +122,7 @@ def two_sizes(page, folder, run, half):
     assert "different" not in seconds[0], seconds
 
 
-# Values of unexpected types, as other versions might write.
+# Replaces metrics.json by values of unexpected types, which another version of ubs might write, and removes the model.
 def damaged(page, folder, run):
     metrics = {"test": {"mean": [], "views": [5, {"name": "a"}]}, "device": 3, "minutes": {"stages": {"a": "b"}},
                "data_report": {"notes": 1, "skipped": [2]}, "chosen": {}, "seconds": "__proto__", "constructor": {}}

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tests how a report reads runs: folders with missing or truncated files or files of another version,
-// activated values of models, and images that a run has saved.
+// Tests how `ubs report` reads output folders of training runs: folders with missing or truncated files or
+// files of another version, the values of splats after their activation functions, images that a run has
+// saved, and the camera for models without data.
 #include "host/look/report/run_record.hpp"
 
 #include <cmath>
@@ -29,12 +30,12 @@ std::vector<std::string> names(const std::vector<SplatQuantity>& all) {
 
 }  // namespace
 
-TEST_CASE("run record: logs that are truncated, old or invalid", "[report]") {
+TEST_CASE("run record: logs that are truncated, old or invalid are read as far as possible", "[report]") {
   std::vector<std::string> remarks;
   const Json log = parse_log(
       "iteration,seconds,loss,splats,test_psnr,test_ssim\n10,0.5,0.25,100,,\n20,1.5,,120,21.5,0.9\n30,2.",
       "log.csv",
-      remarks);  // killed while writing
+      remarks);  // the run was killed while it wrote the last row
   CHECK(log == Json{{"iteration", {10.0, 20.0}},
                     {"seconds", {0.5, 1.5}},
                     {"loss", {0.25, nullptr}},
@@ -63,14 +64,15 @@ TEST_CASE("run record: logs that are truncated, old or invalid", "[report]") {
   CHECK(again["loss"] == Json{1.0, 4.0});
 }
 
-TEST_CASE("run record: folders", "[report]") {
+TEST_CASE("run record: incomplete folders of runs are read, and other folders are rejected", "[report]") {
   const TempFolder folder;
   CHECK_THAT(message_of([&] { read_run(folder / "none"); }), Contains("no such folder"));
   put(folder / "file", "x");
   CHECK_THAT(message_of([&] { read_run(folder / "file"); }), Contains("not a folder"));
   CHECK_THAT(message_of([&] { read_run(folder.path()); }), Contains("not an output folder of 'ubs train'"));
 
-  // Killed immediately: there are a log and the settings, one of which is unknown to this version.
+  // The run was killed early, so there are only a log and the settings. One setting is unknown to this
+  // version.
   put(folder / "run" / "log.csv", "iteration,loss\n1,0.5\n");
   put(folder / "run" / "config.yaml", "dim: 4\nbackground: [1, 0.50, 0]\nof_tomorrow: yes\n");
   const RunRecord run = read_run((folder / "run").string() + "/");
@@ -104,7 +106,7 @@ TEST_CASE("run record: folders", "[report]") {
 TEST_CASE("splat values are activated according to the variant of the model", "[report]") {
   SplatModel model(7, 2);
   const ParameterLayout l = model.layout();
-  model.row(l.opacity)[0] = -800;  // no overflow in between
+  model.row(l.opacity)[0] = -800;  // exp(800) is not finite, but the opacity must be 0
   model.row(l.query_beta + 1)[0] = std::log(0.5f);
   model.row(l.query_beta + 3)[1] = std::log(2.0f);
   model.row(l.scale + 6)[1] = 50;
@@ -141,7 +143,8 @@ TEST_CASE("splat values are activated according to the variant of the model", "[
   CHECK(named(splat_quantities(mixed), "direction scale")->values.size() == 6);
 }
 
-TEST_CASE("run images: saved images and their spacing", "[report]") {
+TEST_CASE("run images: evenly spaced views are chosen, and saved images are split into truth and render",
+          "[report]") {
   CHECK(evenly_spaced(8, 3) == std::vector<std::size_t>{0, 2, 5});
   CHECK(evenly_spaced(2, 5) == std::vector<std::size_t>{0, 1});
   CHECK(evenly_spaced(0, 5).empty());
@@ -154,7 +157,7 @@ TEST_CASE("run images: saved images and their spacing", "[report]") {
       both.rgb.insert(both.rgb.end(), image->rgb.begin() + 27 * y, image->rgb.begin() + 27 * (y + 1));
   save_png(folder / "a.png", both);
   save_png(folder / "b.png", gradient_image(7, 6));
-  put(folder / "c.png", "no picture");
+  put(folder / "c.png", "not an image");
   put(folder / "d.txt", "");
   std::vector<std::string> remarks;
   const auto views = saved_renders(folder.path(), 5, remarks);
@@ -182,11 +185,11 @@ TEST_CASE("circling camera: looks at the centre of the model from outside", "[re
   const auto middle = to_camera({10, -5, 0});
   CHECK(middle[0] / middle[2] == Approx(0).margin(0.03));
   CHECK(middle[1] / middle[2] == Approx(0).margin(0.03));
-  // For a ring, the distance is sqrt(1.05^2 / tan(45 deg / 2)^2 + cos(25 deg)^2), to within 0.3 %, as twelve
-  // azimuths are tested.
+  // For a ring, the expected distance is sqrt(1.05^2 / tan(45 deg / 2)^2 + cos(25 deg)^2). The result may
+  // differ by about 0.3 %, because the distance is chosen for only twelve azimuths of the orbit.
   CHECK(middle[2] == Approx(2.692).epsilon(0.006));
   CHECK(camera.time == 0.5);
-  CHECK(to_camera({10, -5, 1})[1] < middle[1]);  // a higher point is above: y points down
+  CHECK(to_camera({10, -5, 1})[1] < middle[1]);  // the y axis of a camera points down
   const auto& r = camera.rotation;
   const double determinant = r[0] * (r[4] * r[8] - r[5] * r[7]) - r[1] * (r[3] * r[8] - r[5] * r[6]) +
                              r[2] * (r[3] * r[7] - r[4] * r[6]);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tests work-groups that are assigned to cores: every work-item runs once per launch, for any number of
-// groups and of cores, even if there are fewer cores.
+// Tests kernels whose work-groups are assigned to CPU cores (CoreGroups): every work-item must run once per
+// launch, for any number of work-groups and of assumed cores, even if the machine has fewer cores.
 #include "host/opencl/core_groups.hpp"
 
 #include <array>
@@ -15,15 +15,15 @@ namespace {
 
 using namespace opencl;
 
-TEST_CASE("work-groups of cores run once each") {
+TEST_CASE("work-groups that are assigned to cores run once per launch") {
   const test::KernelFolder folder;
   for (const auto& shared : opencl_devices_under_test()) {
     auto& device = dynamic_cast<OpenclDevice&>(*shared);
     if (cores_for_groups(device) == 0) {
-      WARN("skipped: no groups by core on " << describe(device.info()));
+      WARN("skipped: work-groups cannot be assigned to cores on " << describe(device.info()));
       continue;
     }
-    for (const std::uint32_t cores : {1u, 2u, 3u, 7u, 0u}) {  // 0: two cores with a table of their shares
+    for (const std::uint32_t cores : {1u, 2u, 3u, 7u, 0u}) {  // 0 stands for two cores with a table of shares
       CoreGroups core_groups(device, cores > 0 ? cores : 2);
       ProgramSpec spec = core_groups.program({{"../tests/support/core_groups_probe.cl"}, {}});
       if (cores == 0) spec.options.push_back("-DUBS_CORE_SHARES=" + core_shares(std::array{0u, 2u, 4u}, 2));
@@ -34,7 +34,8 @@ TEST_CASE("work-groups of cores run once each") {
         runs.zero();
         for (int launch = 0; launch < 3; ++launch) {
           core_groups.launch(kernel, groups, runs.view());
-          CHECK_THROWS_AS(core_groups.launch(kernel, groups), Error);  // the kernel is not run
+          // Without the argument, the launch fails, and must not disturb the next one.
+          CHECK_THROWS_AS(core_groups.launch(kernel, groups), Error);
         }
         CHECK(runs.download() == std::vector<std::uint32_t>(runs.size(), 3));
       }
@@ -42,7 +43,7 @@ TEST_CASE("work-groups of cores run once each") {
   }
 }
 
-TEST_CASE("cores whose numbers have gaps get separate shares") {
+TEST_CASE("core_shares() returns a table if the numbers of the cores modulo the shares are not distinct") {
   CHECK(core_shares(std::array{0u, 1u, 2u, 3u}, 4) == "");
   CHECK(core_shares(std::array{6u, 7u, 8u, 9u}, 4) == "");
   CHECK(core_shares(std::array{1u, 4u}, 2) == "");

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Compares the projection kernels, compiled in double precision on devices that support it, with the same
-// mathematics compiled for the host. The remaining differences are those of two compilers and their
-// elementary functions.
+// Compiles the projection kernels in double precision, on devices that support this, and compares their
+// results with those of the same formulas compiled for the host. The remaining differences are caused by the
+// two compilers and their elementary functions.
 #include <catch2/catch.hpp>
 
 #include "host/lab/oracle/scenes.hpp"
@@ -113,8 +113,8 @@ TEST_CASE("double-precision kernels agree with the host", "[stages]") {
     }
     REQUIRE(checked > 50);
     WARN(device->info().name << ": double against host: forward " << forward << ", backward " << backward);
-    CHECK(forward < 7.7e-15);   // worst observed 3.9e-15 (PoCL)
-    CHECK(backward < 5.1e-15);  // worst observed 2.6e-15 (PoCL)
+    CHECK(forward < 7.7e-15);   // largest observed 3.9e-15 (PoCL)
+    CHECK(backward < 5.1e-15);  // largest observed 2.6e-15 (PoCL)
   }
 }
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tests the stages PlaceDrawn, PickDrawn, UnpackDrawn and SpreadGradient on every device: records of the
-// visible splats, bit for bit and in order, the values that lists need, and gradients that are written back
-// to the right splats.
+// Tests the stages PlaceDrawn, PickDrawn, UnpackDrawn and SpreadGradient on every device. They must copy the
+// records of the visible splats in order and without changing a bit, restore the values that the lists of
+// tiles need, and write gradients back to the right splats.
 #include <bit>
 #include <random>
 
@@ -12,7 +12,9 @@ namespace ubs {
 namespace {
 
 constexpr std::size_t kStride = kSplatStride;
-constexpr std::size_t kSpare = kSplatReach + 1;  // values of a record that have no other use
+// Index of the first of two values of a record that are not used otherwise, so PickDrawn stores the rectangle
+// of tiles there.
+constexpr std::size_t kSpare = kSplatReach + 1;
 
 using test::uploaded;
 
@@ -22,7 +24,8 @@ struct Splats {
   std::vector<std::size_t> drawn;
 };
 
-// Any bits except NaN must be transferred. One of `every` splats is visible; 0: none.
+// Returns splats whose records and gradients contain random bits, but no NaN. About one of `every` splats is
+// visible, or none if `every` is 0.
 Splats splats(std::uint32_t count, unsigned every) {
   std::mt19937 random(count + every);
   Splats s;
@@ -43,7 +46,7 @@ Splats splats(std::uint32_t count, unsigned every) {
   return s;
 }
 
-TEST_CASE("visible splats: records, values for lists, and gradients") {
+TEST_CASE("records of visible splats are packed and unpacked, and gradients are written back") {
   test::for_each_stages([](Device& device, Stages& stages) {
     for (const auto& [count, every] : {std::pair{0u, 1u}, {1u, 1u}, {64u, 0u}, {777u, 3u}, {70000u, 2u}}) {
       INFO(count << " splats, one of " << every << " visible");
@@ -83,7 +86,7 @@ TEST_CASE("visible splats: records, values for lists, and gradients") {
         wrong += tile[j] != s.tiles[i];
       }
       CHECK(wrong == 0);
-      // The first rows are used as the gradients of the visible splats.
+      // The first `drawn` rows of s.gradients are the gradients of the visible splats.
       const Buffer<float> spread(device, "spread", kStride * std::max<std::size_t>(count, 1));
       stages.spread_gradient(
           {.count = count, .drawn = gradients.view(), .places = places.view(), .v_records = spread.view()});

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tests how the OpenCL back end uses a driver, apart from results: it flushes queues in time, and copies from
-// memory from which the driver can copy directly. This file intercepts the calls to the loader.
+// Tests how the OpenCL back end calls the driver: it must flush queues in time, write from pinned memory,
+// launch few kernels, and adapt to the limits that a driver reports. For this, this file defines some
+// functions of OpenCL, which record the calls, may return simulated answers, and otherwise call the functions
+// of the OpenCL loader.
 #include <dlfcn.h>
 
 #include <algorithm>
@@ -35,22 +37,23 @@ struct Copy {
   const std::byte* from;
   std::size_t bytes;
 };
-std::vector<std::string> calls;             // names of kernels, or "flush"
-std::map<std::string, std::size_t> groups;  // group size, by kernel
+std::vector<std::string> calls;             // names of launched kernels, and "flush" for each call of clFlush
+std::map<std::string, std::size_t> groups;  // size of the work-groups of each launched kernel
 std::vector<Copy> pinned, writes;
 
-// Values that the driver reports instead of the true ones, unless they are 0.
+// Values that the functions below return instead of those of the driver, unless they are 0.
 struct Answers {
   cl_device_type type = 0;
-  std::size_t device_items = 0, kernel_items = 0;  // maximum group size
-  cl_ulong device_local_bytes = 0,
-           kernel_local_bytes = 0;  // local memory: of the device, and required by a kernel
+  std::size_t device_items = 0, kernel_items = 0;  // maximum work-group size of the device and of a kernel
+  // Local memory of the device, and local memory that a kernel requires.
+  cl_ulong device_local_bytes = 0, kernel_local_bytes = 0;
   std::size_t sub_group_items = 0;
   const char* extensions = nullptr;  // replaces all extensions of the device
 };
 Answers answers;
-cl_ulong most_local_bytes = 0;  // maximum of the launched kernels
+cl_ulong most_local_bytes = 0;  // largest local memory of a launched kernel
 
+// Copies a simulated value to `to` and returns true, or returns false if the value is 0 or does not fit.
 template <typename T>
 bool answer(const T& value, std::size_t size, void* to) {
   if (value == 0 || size != sizeof value || !to) return false;
@@ -113,8 +116,9 @@ cl_int clEnqueueNDRangeKernel(cl_command_queue queue, cl_kernel kernel, cl_uint 
   if (answers.kernel_items > 0 && local && local[0] * local[1] * local[2] > answers.kernel_items)
     return CL_INVALID_WORK_GROUP_SIZE;
   if (answers.kernel_local_bytes > 0) return CL_OUT_OF_RESOURCES;
-  if (std::strcmp(name, "exchange_check") != 0)
-    calls.emplace_back(name);  // called when a kernel is first used, on GPUs with lane exchange
+  // Ignores the kernel that checks the lane exchange. It is launched when a kernel with lane exchange is
+  // first used.
+  if (std::strcmp(name, "exchange_check") != 0) calls.emplace_back(name);
   groups[name] = local ? local[0] * local[1] * local[2] : 0;
   cl_device_id device = nullptr;
   cl_ulong local_bytes = 0;
@@ -170,7 +174,8 @@ TEST_CASE("the queue is flushed whenever the host has other work to do") {
       CHECK(launched("project_forward"));
       CHECK(launched("raster_"));
       CHECK(calls.back() == "flush");
-      // The lists are first, because the host loads the kernels of the rasteriser while lists are built.
+      // The queue is flushed before the rasteriser, so that the device builds the lists while the host loads
+      // the kernels of the rasteriser.
       const auto drawn =
           std::ranges::find_if(calls, [](const auto& call) { return call.starts_with("raster_"); });
       CHECK(*(drawn - 1) == "flush");
@@ -205,10 +210,10 @@ TEST_CASE("the queue is flushed whenever the host has other work to do") {
     }
 }
 
-// There were 40 before passes of the sort were reduced to three launches, and prefix sums to two. There were
-// 24 before the kernels that make the keys of a sort also counted their digits.
-TEST_CASE("tile lists of a view on cards need 20 launches", "[device]") {
-  const bench::BenchScene scene = bench::synthetic_object(3, 5000, 400, 400, 1);  // 625 tiles: two passes
+// Each launch costs time on a GPU, so this test fails if a change increases their number.
+TEST_CASE("the tile lists of a view need 20 launches with the GPU kernels", "[device]") {
+  // The image has 625 tiles, so that sorting by tile needs two passes.
+  const bench::BenchScene scene = bench::synthetic_object(3, 5000, 400, 400, 1);
   for (const auto& device : opencl_devices_under_test()) {
     INFO(device->info().name);
     const auto stages = ubs::make_stages(*device, {.dim = 3, .raster = RasterKind::gpu});
@@ -226,7 +231,8 @@ TEST_CASE("tile lists of a view on cards need 20 launches", "[device]") {
                            [](const auto& call) { return call != "flush"; });
     };
     CHECK(launches_of_lists([&] { renderer.forward(model.view(), 0, {}, true); }) == 20);
-    // The second time, there are buffers and the host does not wait for the length of the lists.
+    // The second time, the buffers of the lists exist, and the host does not wait for the lengths of the
+    // lists.
     CHECK(launches_of_lists([&] { CHECK(renderer.forward_uncounted(model.view(), 0, {}).had_room()); }) ==
           20);
   }
@@ -243,7 +249,7 @@ TEST_CASE("data that are written without waiting are in pinned memory", "[device
       writes.clear();
       device->copy_async(*to.view().memory, std::as_bytes(std::span(bytes).first(size)));
       small.upload(std::span<const std::uint8_t>(bytes).first(100));
-      std::ranges::fill(bytes, std::uint8_t{0});  // both writes have returned, so the source may change
+      std::ranges::fill(bytes, std::uint8_t{0});  // after both calls have returned, the source may be changed
       REQUIRE(writes.size() == 2);
       for (const Copy& write : writes)
         CHECK(std::ranges::any_of(pinned, [&](const Copy& block) {
@@ -257,7 +263,7 @@ TEST_CASE("data that are written without waiting are in pinned memory", "[device
   }
 }
 
-// Pretends that the device is a different one.
+// Returns a handle of the same OpenCL device that is described by `info`, for example as a GPU.
 std::unique_ptr<OpenclDevice> disguised(Device& device, const DeviceInfo& info) {
   const cl_device_id id = dynamic_cast<OpenclDevice&>(device).id();
   cl_platform_id platform = nullptr;
@@ -265,7 +271,7 @@ std::unique_ptr<OpenclDevice> disguised(Device& device, const DeviceInfo& info) 
   return std::make_unique<OpenclDevice>(platform, id, info);
 }
 
-TEST_CASE("bytes are mapped in place on a CPU, and otherwise copied to memory that is reused", "[device]") {
+TEST_CASE("Buffer::show() does not copy on CPUs, and on GPUs copies to memory of the caller", "[device]") {
   for (const auto& device : opencl_devices_under_test())
     for (const DeviceType type : {DeviceType::cpu, DeviceType::gpu}) {
       DeviceInfo info = device->info();
@@ -283,8 +289,9 @@ TEST_CASE("bytes are mapped in place on a CPU, and otherwise copied to memory th
     }
 }
 
-// UBS_SYNC=1 compares each used kernel with its declaration (host/opencl/kernels.hpp).
-TEST_CASE("kernels have the declared arguments") {
+// With UBS_SYNC=1, the back end compares the arguments of each kernel that it uses with the declaration of
+// the kernel in host/opencl/kernels.hpp.
+TEST_CASE("kernels have the declared arguments, and other arguments are reported") {
   const bench::BenchScene scene = bench::synthetic_object(3, 200, 40, 40, 1);
   const test::Variable sync("UBS_SYNC", "1");
   for (const auto& device : opencl_devices_under_test())
@@ -313,8 +320,8 @@ TEST_CASE("kernels have the declared arguments") {
 }
 
 TEST_CASE(
-    "CPUs of PoCL use built-ins of clang, other CPUs functions of the library, and GPUs their own "
-    "functions") {
+    "PoCL on CPUs computes exp2 and log2 with built-ins of clang, other CPUs with library functions, and "
+    "GPUs with native functions") {
   for (const auto& device : opencl_devices_under_test()) {
     DeviceInfo info = device->info();
     for (const std::string platform : {"Portable Computing Language", "Another"})
@@ -334,7 +341,7 @@ TEST_CASE(
   }
 }
 
-TEST_CASE("twice the number of registers is requested if an Intel device supports it") {
+TEST_CASE("256 registers per thread are requested if an Intel GPU supports this") {
   const auto version = [](std::uint32_t architecture, std::uint32_t release) {
     return architecture << 22 | release << 14 | 4u;
   };
@@ -365,8 +372,10 @@ std::string warnings_of(const Work& work) {
   return said;
 }
 
-// A training step on a card with small groups: 128 or 192 work-items, or 16 KiB of local memory.
-TEST_CASE("cards with small work-groups run the kernels for CPUs, with a warning", "[device]") {
+// Computes a gradient on simulated GPUs whose work-groups have at most 128 or 192 work-items, or whose local
+// memory has only 16 KiB.
+TEST_CASE("GPUs with small work-groups or little local memory run the CPU kernels, with a warning",
+          "[device]") {
   const oracle::Scene scene =
       oracle::regular_scene({.count = 150, .dim = 4, .seed = 11, .width = 45, .height = 38});
   const std::vector<float> target(scene.target.begin(), scene.target.end());
@@ -374,7 +383,7 @@ TEST_CASE("cards with small work-groups run the kernels for CPUs, with a warning
     const auto stages = ubs::make_stages(device, {.dim = 4, .raster = raster_kind("auto", device.info())});
     return view_gradient(device, *stages, scene.model, scene.camera, target, {}, 0.2f).values.values;
   };
-  if (opencl_devices_under_test().empty()) return;  // with CUDA on the host
+  if (opencl_devices_under_test().empty()) return;  // this program tests the CUDA back end on the host
   const std::vector<float> usual = gradient(*opencl::open_device(0));
   const std::vector<double> expected(usual.begin(), usual.end());
   for (const Answers& small :
@@ -398,11 +407,11 @@ TEST_CASE("cards with small work-groups run the kernels for CPUs, with a warning
   }
 }
 
-TEST_CASE("a kernel that does not fit into a group is rejected with required and available sizes",
+TEST_CASE("a kernel that exceeds the limits of a device is rejected with required and available sizes",
           "[device]") {
   const oracle::Scene scene =
       oracle::regular_scene({.count = 20, .dim = 3, .seed = 1, .width = 20, .height = 20});
-  if (opencl_devices_under_test().empty()) return;  // with CUDA on the host
+  if (opencl_devices_under_test().empty()) return;  // this program tests the CUDA back end on the host
   const auto draw = [&] {
     const auto device = opencl::open_device(0);
     const auto stages = ubs::make_stages(*device, {.dim = 3, .raster = RasterKind::gpu});
@@ -423,7 +432,8 @@ TEST_CASE("a kernel that does not fit into a group is rejected with required and
       draw(), Catch::Contains("needs 40000 bytes of local memory, but") && Catch::Contains("has only 32768"));
 }
 
-// Writes kernels with a different lane exchange into a folder.
+// Copies all kernels to a folder, replaces the lane exchange (kernels/gpu/exchange.h) by `text`, and makes
+// ubs use the kernels in this folder.
 struct OtherExchange {
   explicit OtherExchange(const std::string& text) {
     std::filesystem::copy(test::source_folder() / "kernels", folder.path() / "kernels",
@@ -435,11 +445,12 @@ struct OtherExchange {
   std::optional<test::Variable> source;
 };
 
-// Simulates drivers that report lane exchange. Its functions in exchange.h are emulated in local memory,
-// correctly or incorrectly. Also simulates drivers without lane exchange, and drivers whose sub-groups do not
-// consist of whole rows of 16 lanes.
+// Lane exchange means that the work-items of a sub-group read each other's values without local memory. This
+// test simulates drivers that support it, and emulates its functions in local memory, correctly or
+// incorrectly. It also simulates drivers that do not support it, and drivers whose sub-groups have a size
+// that is not a multiple of 16.
 TEST_CASE("a lane exchange that does not work is replaced by local memory, with a warning", "[device]") {
-  if (opencl_devices_under_test().empty()) return;  // with CUDA on the host
+  if (opencl_devices_under_test().empty()) return;  // this program tests the CUDA back end on the host
   const oracle::Scene scene =
       oracle::regular_scene({.count = 150, .dim = 3, .seed = 11, .width = 45, .height = 38});
   const std::vector<float> target(scene.target.begin(), scene.target.end());
@@ -490,7 +501,7 @@ TEST_CASE("a lane exchange that does not work is replaced by local memory, with 
     INFO(said);
     CHECK(said.empty() == c.warning.empty());
     CHECK_THAT(said, Catch::Contains(c.warning));
-    if (info.type == DeviceType::cpu) {  // CPUs use other functions, so rounding differs
+    if (info.type == DeviceType::cpu) {  // CPUs use other elementary functions, which round differently
       CHECK(test::relative_error(values, expected) < 2e-5);
       continue;
     }
@@ -499,7 +510,7 @@ TEST_CASE("a lane exchange that does not work is replaced by local memory, with 
   }
 }
 
-TEST_CASE("splats are projected in groups that fill the waves of a GPU, as tuned") {
+TEST_CASE("GPUs project splats in work-groups of 64 work-items, or of the tuned size") {
   const bench::BenchScene scene = bench::synthetic_object(3, 100, 20, 20, 1);
   for (const auto& device : opencl_devices_under_test())
     for (const unsigned group : {0u, 128u, 256u}) {

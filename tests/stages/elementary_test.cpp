@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Compares the elementary functions of the kernels on every device and for every number of lanes with
-// float64. The bounds are the errors that kernels/README.md states. tests/cuda/elementary_test.cpp does the
-// same for CUDA.
+// Compares the elementary functions of the kernels with float64, on every OpenCL device and for every vector
+// width. The bounds are the errors that kernels/README.md states. tests/cuda/elementary_test.cpp tests the
+// functions of the CUDA back end.
 #include <bit>
 #include <catch2/catch.hpp>
 #include <cmath>
@@ -18,7 +18,8 @@ using namespace opencl;
 
 using Function = double (*)(double);
 
-// x: a multiple of 16 values.
+// Returns the values of the function with the number `which` (tests/support/elementary_probe.cl) at the
+// points `x`. Their number must be a multiple of 16.
 std::vector<float> values(OpenclDevice& device, Kernel& kernel, int lanes, int which,
                           const std::vector<float>& x) {
   Buffer<float> in(device, "in", x.size()), out(device, "out", x.size());
@@ -27,7 +28,8 @@ std::vector<float> values(OpenclDevice& device, Kernel& kernel, int lanes, int w
   return out.download();
 }
 
-// Evaluates at points from `from` to `to` with equal ratios between neighbours.
+// Returns the largest relative error of a function at 2^19 points from `from` to `to`, with equal ratios
+// between neighbours.
 double largest_error(OpenclDevice& device, Kernel& kernel, int lanes, int which, Function truth, double from,
                      double to) {
   std::vector<float> x(std::size_t{1} << 19);
@@ -39,12 +41,13 @@ double largest_error(OpenclDevice& device, Kernel& kernel, int lanes, int which,
   for (std::size_t i = 0; i < x.size(); ++i) {
     const double exact = truth(static_cast<double>(x[i]));
     const double error = std::abs(static_cast<double>(f[i]) - exact) / std::abs(exact);
-    if (!(error <= most)) most = error;  // also for NaN
+    if (!(error <= most)) most = error;  // also sets `most` if the error is NaN
   }
   return most;
 }
 
-// The largest error of all widths is stated after each bound (PoCL on an Intel Xeon with AVX-512).
+// The comment after each bound is the largest error that was observed for any vector width, with PoCL on an
+// Intel Xeon with AVX-512.
 TEST_CASE("elementary functions have at most the documented errors") {
   const test::KernelFolder folder;
   for (const auto& shared : opencl_devices_under_test())

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Compares tile lists on every device and for both rasterisers with std::stable_sort, bit for bit: sizes
-// around every block size, culled splats, equal depths, huge rectangles, wide images and images with many
-// tiles, and totals beyond 32 bits. Every output is followed by guard words. Also tests the prefix sums that
-// the lists use.
+// Tests the lists of splats per tile on every device and for both rasterisers. They must be equal to lists
+// that are made with std::stable_sort. The cases are sizes near every block size, culled splats, equal
+// depths, huge rectangles, wide images, images with many tiles, and totals beyond 32 bits. Every output
+// buffer ends with guard words, which must not change. Also tests the prefix sums that the lists use.
 #include <algorithm>
 #include <array>
 #include <catch2/catch.hpp>
@@ -45,7 +45,8 @@ Buffer<std::uint32_t> guarded(Device& device, std::size_t size) {
   return uploaded(device, Words(size + kGuards, kGuard));
 }
 
-// Uses one REQUIRE per array, because millions of assertions would be the slowest part of the test.
+// Requires that the buffer contains the expected words and unchanged guard words. Does not use one assertion
+// per word, because millions of assertions would be the slowest part of the test.
 void require_equal(const char* what, const Buffer<std::uint32_t>& buffer, Words expected) {
   expected.resize(expected.size() + kGuards, kGuard);
   const Words found = buffer.download();
@@ -75,8 +76,9 @@ void require_lists(Device& device, Stages& stages, const Splats& splats) {
   require_equal("sorted_slots", slots, expected.slots);
 }
 
-// Tests the lists of a view for buffers with a capacity of `room`, without waiting for the totals. They must
-// equal expected_lists(), or, if the capacity is not sufficient, the lists without splats.
+// Tests lists that are built without waiting for the number of intersections, in buffers with a capacity of
+// `room`. They must equal expected_lists(), or be the lists of a view without splats if the capacity is not
+// sufficient.
 void require_bounded(Device& device, Stages& stages, const Splats& splats, std::uint64_t room) {
   const Expected counted = expected_lists(splats);
   const bool fits = counted.totals.intersections <= room;
@@ -103,8 +105,8 @@ void require_bounded(Device& device, Stages& stages, const Splats& splats, std::
   REQUIRE(found == std::array{counted.totals.visible, counted.totals.intersections});
   require_equal("tile_counts", counts, fits ? splats.counts : none.counts);
   require_equal("tile_ranges", ranges, expected.ranges);
-  // After the list, there are values that sorting up to the bound has written. No values are written beyond
-  // the bound.
+  // Between the end of a list and the capacity, sorting may have written any values. Beyond the capacity, no
+  // values may be written.
   for (auto [what, buffer, list] :
        {std::tuple{"sorted_ids", &ids, &expected.ids}, {"sorted_slots", &slots, &expected.slots}}) {
     Words rest = buffer->download();
@@ -128,18 +130,19 @@ void on_all_stages(const Body& body, KernelConfig config = {}) {
 
 }  // namespace
 
-TEST_CASE("Tile lists of empty and smallest inputs", "[lists]") {
+TEST_CASE("Tile lists are correct without splats, with one splat, and with one tile", "[lists]") {
   on_all_stages([](Device& device, Stages& stages) {
     ListRandom random;
     require_lists(device, stages, random_splats(random, 0, 64, 48, 1, 1));
     require_lists(device, stages, random_splats(random, 1, 64, 48, 1, 1));
     require_lists(device, stages, random_splats(random, 1, 16, 16, 1, 0));
-    require_lists(device, stages, random_splats(random, 5000, 200, 100, 0, 1));  // all culled
-    require_lists(device, stages, random_splats(random, 5000, 7, 9, 0.9f, 0));   // one tile
+    require_lists(device, stages, random_splats(random, 5000, 200, 100, 0, 1));  // all splats are culled
+    require_lists(device, stages, random_splats(random, 5000, 7, 9, 0.9f, 0));   // the image has one tile
   });
 }
 
-TEST_CASE("Tile lists at sizes around those of groups, blocks and chunks", "[lists]") {
+TEST_CASE("Tile lists are correct if the number of splats is near the size of a work-group, block or chunk",
+          "[lists]") {
   on_all_stages([](Device& device, Stages& stages) {
     ListRandom random;
     for (std::uint32_t size : {16u, 256u, 2048u, 4096u, 8192u, 65536u}) {
@@ -152,25 +155,25 @@ TEST_CASE("Tile lists at sizes around those of groups, blocks and chunks", "[lis
   });
 }
 
-TEST_CASE("Tile lists with a bound equal those with waiting, or are empty", "[lists]") {
+TEST_CASE("Tile lists in buffers of a given capacity are correct, or empty if they do not fit", "[lists]") {
   on_all_stages([](Device& device, Stages& stages) {
     ListRandom random;
     const auto with_rooms = [&](const Splats& splats) {
       const std::uint64_t pairs = expected_lists(splats).totals.intersections;
       for (const std::uint64_t room : {pairs, pairs + 1, pairs - 1, std::uint64_t{1}, 3 * pairs + 5000})
         if (room <= UINT32_MAX) require_bounded(device, stages, splats, room);
-      require_bounded(device, stages, splats, pairs);  // after a view that exceeded the capacity
+      require_bounded(device, stages, splats, pairs);  // again, after views with other capacities
     };
     with_rooms(random_splats(random, 20000, 333, 77, 0.5f, 5));
-    with_rooms(random_splats(random, 3000, 200, 200, 0.02f, 2));  // nearly all culled
-    with_rooms(random_splats(random, 2049, 16, 16, 1, 0));        // one tile
-    with_rooms(
-        random_splats(random, 2048, 64, 64, 1, 1));  // 16 tiles: the largest key is also used by a tile
+    with_rooms(random_splats(random, 3000, 200, 200, 0.02f, 2));  // nearly all splats are culled
+    with_rooms(random_splats(random, 2049, 16, 16, 1, 0));        // the image has one tile
+    // With 16 tiles, their keys have four bits, so the largest possible key belongs to a tile.
+    with_rooms(random_splats(random, 2048, 64, 64, 1, 1));
     require_bounded(device, stages, random_splats(random, 5000, 200, 100, 0, 1), 0);
     require_bounded(device, stages, random_splats(random, 5000, 200, 100, 0, 1), 3000);
     require_bounded(device, stages, random_splats(random, 0, 64, 48, 1, 1), 100);
     Splats beyond = random_splats(random, 1000, 160, 160, 1, 1);
-    for (std::uint32_t& count : beyond.counts) count = 0xfffffff0u;  // more than 32 bits can represent
+    for (std::uint32_t& count : beyond.counts) count = 0xfffffff0u;  // the total needs more than 32 bits
     require_bounded(device, stages, beyond, 5000);
   });
 }
@@ -186,13 +189,14 @@ TEST_CASE("Tile lists keep the order of indices among equal depths", "[lists]") 
     };
     with_depths([] { return 0x40000000u; });
     with_depths([&] { return 0x40000000u + random.below(3); });
-    with_depths([&] { return random.bits(); });  // every bit of the key counts
+    with_depths([&] { return random.bits(); });  // keys that differ in every bit
   });
 }
 
-// Tests keys that cover a span, including its smallest and largest value. The spans are one bit above and
-// below one, two and three digits, and start at round numbers and just below them.
-TEST_CASE("Tile lists of keys that span few bits", "[lists]") {
+// Tests keys in a range of `bits` bits, including its smallest and its largest value. Sorting uses digits of
+// several bits, so the numbers of bits are chosen near multiples of the number of bits of a digit. The ranges
+// start at a round number, just below it, and at 0.
+TEST_CASE("Tile lists are correct if depth keys only differ in a few bits", "[lists]") {
   on_all_stages([](Device& device, Stages& stages) {
     ListRandom random;
     Splats splats = random_splats(random, 9000, 100, 100, 0.7f, 1);
@@ -209,14 +213,14 @@ TEST_CASE("Tile lists of keys that span few bits", "[lists]") {
   });
 }
 
-TEST_CASE("Tile lists of more than a million splats", "[lists]") {
+TEST_CASE("Tile lists are correct for more than a million splats", "[lists]") {
   on_all_stages([](Device& device, Stages& stages) {
     ListRandom random;
     require_lists(device, stages, random_splats(random, (1u << 20) + 1, 300, 300, 0.4f, 0));
   });
 }
 
-TEST_CASE("Tile lists of huge rectangles and of images with many tiles", "[lists]") {
+TEST_CASE("Tile lists are correct for splats on many tiles and for images with many tiles", "[lists]") {
   on_all_stages([](Device& device, Stages& stages) {
     ListRandom random;
     Splats square = random_splats(random, 300, 500 * 16, 500 * 16, 1, 1);
@@ -230,8 +234,8 @@ TEST_CASE("Tile lists of huge rectangles and of images with many tiles", "[lists
     Splats wide = random_splats(random, 200, 70000, 1, 1, 900);
     wide.set_rect(0, 0, 4374, 0, 0);
     require_lists(device, stages, wide);
-    Splats widest =
-        random_splats(random, 20, 65536 * 16, 1, 1, 30000);  // the last tile that fits a rectangle
+    // The numbers of tiles in a rectangle have 16 bits, so 65535 is the largest possible number.
+    Splats widest = random_splats(random, 20, 65536 * 16, 1, 1, 30000);
     widest.set_rect(3, 0, 65535, 0, 0);
     require_lists(device, stages, widest);
     Splats tallest = random_splats(random, 20, 1, 65536 * 16, 1, 30000);
@@ -253,8 +257,8 @@ TEST_CASE("Totals of intersections beyond 32 bits are exact", "[lists]") {
   });
 }
 
-TEST_CASE("Tile lists of the same splats are reproducible", "[lists]") {
-  // Scratch data of a larger scene must not affect the result.
+TEST_CASE("Tile lists do not depend on the lists that were built before", "[lists]") {
+  // Values that a larger scene leaves in the scratch buffers must not affect the result.
   on_all_stages([](Device& device, Stages& stages) {
     ListRandom random;
     const Splats small = random_splats(random, 3000, 100, 100, 0.9f, 2);
@@ -264,7 +268,7 @@ TEST_CASE("Tile lists of the same splats are reproducible", "[lists]") {
   });
 }
 
-TEST_CASE("Each core gets the same number of chunks, and chunks cover everything", "[lists]") {
+TEST_CASE("Each core gets the same number of chunks, and the chunks cover all elements", "[lists]") {
   for (std::uint64_t elements : {1ull, 4095ull, 8192ull, 30000ull, 57344ull, 1ull << 20, 5ull << 31})
     for (std::size_t cores : {1u, 2u, 3u, 8u, 64u})
       for (std::size_t most : {std::size_t{1}, cores, 4 * cores, 4 * cores + 1}) {
@@ -272,8 +276,8 @@ TEST_CASE("Each core gets the same number of chunks, and chunks cover everything
         const opencl::Blocks blocks = opencl::chunk_blocks(elements, most, cores);
         CHECK(blocks.count * blocks.size >= elements);
         CHECK((blocks.count - 1) * blocks.size < elements);
-        // If chunks had more than 2^31 elements, there are more than `most` chunks. With few elements, the
-        // last chunks may be empty.
+        // A chunk has at most 2^31 elements, so with very many elements there may be more than `most` chunks.
+        // With few elements, a core may get no chunk.
         if (elements < (1ull << 31)) CHECK(blocks.count <= most);
         if (elements >= 4096 * cores * 16 && elements < (1ull << 31) && most >= cores)
           CHECK(blocks.count % cores == 0);
@@ -281,7 +285,7 @@ TEST_CASE("Each core gets the same number of chunks, and chunks cover everything
   CHECK(opencl::chunk_blocks(30000, 8, 2).count == 8);
 }
 
-TEST_CASE("Prefix sums of 32-bit values into 32 and 64 bits", "[lists][scan]") {
+TEST_CASE("Prefix sums of 32-bit values are exact in 64 bits, and modulo 2^32 in 32 bits", "[lists][scan]") {
   for (const auto& shared : devices_under_test()) {
     auto* device = dynamic_cast<opencl::OpenclDevice*>(shared.get());
     if (!device) continue;

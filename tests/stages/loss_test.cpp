@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Compares the stage ImageLoss on every device with a dense evaluation in double precision with zero padding:
-// values, gradient, padding, both kinds of targets, evaluation, determinism, and images smaller than the
-// window.
+// Tests the stage ImageLoss on every device. Its values and its gradient are compared with a direct
+// evaluation in double precision, in which pixels outside the image are 0. Also tests that the padding of the
+// gradient is 0, targets of bytes and of floats, evaluation without a gradient, reproducibility, and images
+// smaller than the SSIM window.
 #include <algorithm>
 #include <array>
 #include <catch2/catch.hpp>
@@ -27,10 +28,11 @@ struct Images {
   std::vector<std::uint8_t> target;
 };
 
-// ---- Reference: five window means, each separable, zero outside ----
+// ---- Reference: the loss from five weighted means over windows; pixels outside the image are 0 ----
 
 using Plane = std::vector<double>;
 
+// Returns the means over the 11 x 11 Gaussian windows of SSIM.
 Plane blur(const Plane& in, int width, int height) {
   std::array<double, 11> weights{};
   double sum = 0;
@@ -59,7 +61,8 @@ struct ExactLoss {
   std::vector<double> gradient;  // planar, not padded
 };
 
-// The formulas of method.md 4.1 in the same notation.
+// Adds the loss and the gradient of one channel to `e`. The formulas and their notation are those of
+// docs/method.md, section 4.1.
 void add_channel(const Plane& x, const Plane& t, int width, int height, double lambda, int channel,
                  ExactLoss& e) {
   const Plane mu1 = blur(x, width, height), mu2 = blur(t, width, height);
@@ -131,7 +134,7 @@ Images constant_images(int width, int height, std::uint8_t target, float image) 
 // ---- Running the stage ----
 
 struct LossResult {
-  std::vector<float> sums, gradient;  // gradient padded, as on the device
+  std::vector<float> sums, gradient;  // the gradient includes the padding
 };
 
 struct RunOptions {
@@ -180,11 +183,12 @@ LossResult run(Device& device, Stages& stages, const Images& images, const RunOp
 struct Tolerance {
   double l1, ssim, mse, gradient;  // `gradient` is relative to the largest element
 };
-// Bounds: twice the largest errors observed on PoCL with both kinds of kernels, which are 8.4e-9, 1.4e-7 and
-// 2.5e-9, and 1.8e-5 for the gradient at 33 x 50.
+// The bounds are about twice the largest errors observed on PoCL, with CPU and with GPU kernels: 8.4e-9 for
+// L1, 1.4e-7 for SSIM, 2.5e-9 for the MSE, and 1.8e-5 for the gradient of an image of 33 x 50 pixels.
 constexpr Tolerance kSimilar{2e-8, 3e-7, 5e-9, 3.6e-5};
-// Rounding errors of equal pixels do not average out. Largest errors observed: 1.9e-7, 3.0e-6 and 2.5e-8, and
-// 3.7e-4 for the gradient if the images only differ by 1e-3.
+// Bounds for constant images, where the rounding errors of all pixels are equal and do not cancel. The
+// largest observed errors are 1.9e-7 for L1, 3.0e-6 for SSIM, 2.5e-8 for the MSE, and 3.7e-4 for the
+// gradient, if the images differ by only 1e-3.
 constexpr Tolerance kConstant{4e-7, 6e-6, 5e-8, 7e-4};
 
 void check_sums(const std::vector<float>& sums, const ExactLoss& expected, const Tolerance& tolerance) {
@@ -193,7 +197,7 @@ void check_sums(const std::vector<float>& sums, const ExactLoss& expected, const
   CHECK(sums[3] == near(expected.ssim, tolerance.ssim));
   for (int c = 0; c < 3; ++c) CHECK(sums[4 + c] == near(expected.mse[c], tolerance.mse));
   for (const int i : {7, 8, 9}) CHECK(sums[i] == 0);
-  for (const int i : {0, 1, 10}) CHECK(sums[i] == -7.0f);  // neighbours are not changed
+  for (const int i : {0, 1, 10}) CHECK(sums[i] == -7.0f);  // values outside the 8 sums are not changed
 }
 
 // Returns the error of the gradient relative to its largest element, and checks that the padding is zero.
@@ -222,7 +226,7 @@ constexpr std::pair<int, int> kSizes[] = {{1, 1}, {7, 5}, {16, 16}, {17, 33}, {2
 
 }  // namespace
 
-TEST_CASE("image loss and gradient match the dense reference", "[loss][device]") {
+TEST_CASE("image loss and gradient agree with the reference in double precision", "[loss][device]") {
   for_each_stages([](Device& device, Stages& stages) {
     for (const auto& [width, height] : kSizes) {
       INFO(width << " x " << height);
@@ -236,9 +240,9 @@ TEST_CASE("image loss and gradient match the dense reference", "[loss][device]")
   });
 }
 
-// Tests edges of images for every number of lanes, in images that need a single launch and in images with one
-// launch per channel (above 256 x 256 pixels).
-TEST_CASE("image loss matches the dense reference at every vector width", "[loss][device]") {
+// Images of up to 256 x 256 pixels need a single launch, and larger ones need a launch per channel. Both are
+// tested, with sizes that are not multiples of the vector width.
+TEST_CASE("image loss agrees with the reference at every vector width", "[loss][device]") {
   const std::vector<DeviceInfo> devices = opencl::list_devices();
   for (std::size_t i = 0; i < devices.size(); ++i)
     for (const unsigned lanes : {4u, 8u, 16u}) {
@@ -256,7 +260,8 @@ TEST_CASE("image loss matches the dense reference at every vector width", "[loss
     }
 }
 
-TEST_CASE("image loss is exact for constant images at both ends of the range", "[loss][device]") {
+TEST_CASE("image loss of constant images is exact if they are equal, and otherwise agrees with the reference",
+          "[loss][device]") {
   for_each_stages([](Device& device, Stages& stages) {
     for (const int value : {0, 128, 255})
       for (const float offset : {0.0f, 1e-3f, -0.2f}) {
@@ -305,8 +310,7 @@ TEST_CASE("image loss is reproducible, also after other image sizes", "[loss][de
     CHECK(first.gradient == second.gradient);
     CHECK(gradient_error(small, run(device, stages, small, {}).gradient, evaluate(small, 0.2), 1) <
           kSimilar.gradient);
-    // Other image sizes place the margins at other positions of the same maps: wide and low, or narrow and
-    // high.
+    // With other image sizes, the margins are at other positions of the same buffers.
     for (const auto& [width, height] : {std::pair{300, 40}, {20, 300}, {300, 40}}) {
       const Images other = similar_images(width, height);
       CHECK(gradient_error(other, run(device, stages, other, {}).gradient, evaluate(other, 0.2), 1) <
@@ -315,7 +319,7 @@ TEST_CASE("image loss is reproducible, also after other image sizes", "[loss][de
   });
 }
 
-TEST_CASE("image loss stays finite far outside the range of images", "[loss][device]") {
+TEST_CASE("image loss is finite for pixel values far outside the range from 0 to 1", "[loss][device]") {
   for_each_stages([](Device& device, Stages& stages) {
     for (const float value : {1e3f, -1e6f, 1e12f}) {
       Images images = similar_images(40, 40);

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tests masks in the stage ImageLoss. On every device, the loss is compared with a dense evaluation in double
-// precision, and the gradient with difference quotients of this evaluation. Also tests the meaning of a mask:
-// masked pixels have no influence, and a mask that keeps a rectangle is equivalent to cropping.
+// Tests masks in the stage ImageLoss. On every device, the loss is compared with a direct evaluation in
+// double precision, and the gradient with difference quotients of this evaluation. Also tests that masked
+// pixels have no influence, that a mask that keeps a rectangle gives the same loss as cropping, and the SSIM
+// of masked images.
 #include <algorithm>
 #include <array>
 #include <catch2/catch.hpp>
@@ -82,7 +83,7 @@ double reference_loss(const Scene& s, const std::vector<double>& image, double l
 }
 
 struct MaskedResult {
-  std::vector<float> sums, gradient;  // gradient planar, not padded
+  std::vector<float> sums, gradient;  // the gradient is planar and not padded
 };
 
 MaskedResult run(Device& device, Stages& stages, const Scene& s, bool masked, bool gradient = true) {
@@ -128,7 +129,7 @@ Scene cropped(const Scene& s, int x0, int y0, int width, int height) {
 
 }  // namespace
 
-TEST_CASE("masked image loss and gradient match the dense reference", "[loss][device]") {
+TEST_CASE("masked image loss and gradient agree with the reference in double precision", "[loss][device]") {
   const Scene s = random_scene(45, 37);
   std::vector<double> image(s.image.begin(), s.image.end());
   double l1 = 0, ssim = 0;
@@ -148,7 +149,7 @@ TEST_CASE("masked image loss and gradient match the dense reference", "[loss][de
   }
   for_each_stages([&](Device& device, Stages& stages) {
     const MaskedResult result = run(device, stages, s, true);
-    CHECK(result.sums[0] == Approx(l1).epsilon(0).margin(2e-8));  // as without masks (loss_test.cpp)
+    CHECK(result.sums[0] == Approx(l1).epsilon(0).margin(2e-8));  // the same bounds as in loss_test.cpp
     CHECK(result.sums[1] == Approx(ssim).epsilon(0).margin(3e-7));
     double worst = 0;
     std::size_t zeros = 0;
@@ -166,7 +167,7 @@ TEST_CASE("masked image loss and gradient match the dense reference", "[loss][de
   });
 }
 
-TEST_CASE("masked pixels have no influence on the loss, whatever their values are", "[loss][device]") {
+TEST_CASE("masked pixels have no influence on the loss, even if they are NaN", "[loss][device]") {
   for_each_stages([](Device& device, Stages& stages) {
     const Scene s = random_scene(150, 40);
     Scene other = s;
@@ -185,7 +186,7 @@ TEST_CASE("masked pixels have no influence on the loss, whatever their values ar
   });
 }
 
-TEST_CASE("a mask that keeps a rectangle is equivalent to cropping", "[loss][device]") {
+TEST_CASE("a mask that keeps a rectangle gives the same loss and gradient as cropping", "[loss][device]") {
   for_each_stages([](Device& device, Stages& stages) {
     Scene s = random_scene(90, 50);
     const int x0 = 13, y0 = 7, width = 60, height = 30;
@@ -206,7 +207,7 @@ TEST_CASE("a mask that keeps a rectangle is equivalent to cropping", "[loss][dev
   });
 }
 
-TEST_CASE("valid-window SSIM skips windows with masked pixels", "[loss][device]") {
+TEST_CASE("the SSIM over windows inside the image skips windows with masked pixels", "[loss][device]") {
   Scene s = random_scene(40, 34);
   std::vector<float> target;
   for (const std::uint8_t v : s.target) target.push_back(static_cast<float>(v) / 255.0f);

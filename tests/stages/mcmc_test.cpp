@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tests the stages Relocate, Grow and AddNoise on every device: which splats are moved to which sources, the
-// opacity rule, moments, determinism, the distribution of sources, and degenerate populations.
+// Tests the stages Relocate, Grow and AddNoise on every device: which splats are moved to which source
+// splats, the opacities and moments of the copies, reproducibility, the distribution of sources, models in
+// which all or no splats are dead, and the noise.
 #include <algorithm>
 #include <catch2/catch.hpp>
 #include <cmath>
@@ -21,7 +22,7 @@ using test::for_each_stages;
 
 constexpr int kDim = 6;
 constexpr std::size_t kRows = 35, kOpacityRow = 6, kScaleRow = 14, kSkewRow = 20;  // kernels/layout.h
-constexpr float kDead = -8.0f;                                                     // raw opacity
+constexpr float kDead = -8.0f;  // a raw opacity below the threshold for relocation
 constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
 
 double logistic(double x) { return 1 / (1 + std::exp(-x)); }
@@ -67,7 +68,7 @@ std::map<std::uint32_t, int> check_copies(const Model& before, const Model& afte
                                           const std::vector<std::uint32_t>& written) {
   const check::Copies copies = check::judge_copies(before, after, written);
   REQUIRE(copies.problem == "");
-  REQUIRE(copies.opacity_error < 4.8e-7);  // worst seen 2.4e-7
+  REQUIRE(copies.opacity_error < 4.8e-7);  // largest observed 2.4e-7
   return copies.of_source;
 }
 
@@ -88,7 +89,8 @@ TEST_CASE("relocation moves dead splats to living ones and splits the opacity", 
     const auto copies = check_copies(model, on.download(model), dead);
     CHECK(copies.size() > 50);
     for (const auto& [source, n] : copies) CHECK(source % 3 != 1);
-    CHECK(on.relocate(stages) < dead.size() / 10);  // the opacity of a few sources reached the minimum
+    // Afterwards, the opacities of a few sources and their copies may be so small that they are dead.
+    CHECK(on.relocate(stages) < dead.size() / 10);
   });
 }
 
@@ -121,8 +123,8 @@ TEST_CASE("all dead splats are moved to the only living one, even if its opacity
         REQUIRE(after.origin(i) == 1234);
         REQUIRE(after.at(kOpacityRow, i) == after.at(kOpacityRow, 1234));
       }
-      // For large raw values, logistic(raw) in float has no digits of 1 - o left, but softplus(raw) / 5000
-      // has.
+      // For large raw values, the opacity o rounds to 1 in float, so the expected value cannot be computed
+      // from 1 - o.
       if (raw < 20) CHECK(opacity_of(after.at(kOpacityRow, 0)) == Approx(expected).epsilon(2e-6));
       if (raw > 1e6)
         CHECK(opacity_of(after.at(kOpacityRow, 0)) == Approx(1 - std::ldexp(1.0, -23)).epsilon(1e-12));
@@ -131,7 +133,7 @@ TEST_CASE("all dead splats are moved to the only living one, even if its opacity
   });
 }
 
-TEST_CASE("growth writes the new slots and nothing beyond them", "[mcmc][device]") {
+TEST_CASE("growth writes the new splats and nothing after them", "[mcmc][device]") {
   for_each_stages([](Device& device, Stages& stages) {
     Model model(1000, 1100, 0.5f);
     for (std::uint32_t i = 0; i < 100; ++i) model.at(kOpacityRow, i) = kNan;
@@ -179,7 +181,7 @@ TEST_CASE("growth respects the capacity, rejects empty models and accepts invali
   });
 }
 
-TEST_CASE("sources are sampled in proportion to opacity", "[mcmc][device]") {
+TEST_CASE("sources are sampled with probabilities proportional to their opacities", "[mcmc][device]") {
   for_each_stages([](Device& device, Stages& stages) {
     constexpr std::uint32_t kSources = 50, kDraws = 100000;
     Model model(kSources + kDraws, kSources + kDraws, kDead);
@@ -198,8 +200,10 @@ TEST_CASE("sources are sampled in proportion to opacity", "[mcmc][device]") {
       const double expected = kDraws * opacity_of(model.at(kOpacityRow, i)) / total;
       chi_square += (drawn[i] - expected) * (drawn[i] - expected) / expected;
     }
-    CHECK(chi_square < 94);  // 49 degrees of freedom: exceeded with a probability of 1e-4
-    CHECK(chi_square > 17);  // values below this are equally rare
+    // With 49 degrees of freedom, larger values than 94 and smaller ones than 17 have a probability of 1e-4
+    // each.
+    CHECK(chi_square < 94);
+    CHECK(chi_square > 17);
   });
 }
 
@@ -222,7 +226,7 @@ TEST_CASE("relocation and growth are reproducible bit for bit, and depend on the
   });
 }
 
-TEST_CASE("noise is Sigma_x times the gated normals that the counter determines", "[mcmc][device]") {
+TEST_CASE("the noise of positions agrees with its formula in double precision", "[mcmc][device]") {
   for_each_stages([](Device& device, Stages& stages) {
     Model model(777, 777, 0.0f);
     std::mt19937 random(9);
@@ -241,7 +245,8 @@ TEST_CASE("noise is Sigma_x times the gated normals that the counter determines"
     for (std::uint32_t i = 0; i < model.count; ++i) {
       const oracle::Noise noise = oracle::noise(splats, i, amount, seed, iteration);
       for (std::size_t r = 0; r < 3; ++r)
-        // Worst seen 8.5e-6: single-precision normals where a uniform is near 1.
+        // The largest observed error is 8.5e-6. It occurs if a uniform random number is near 1, where its
+        // normal random number in single precision is inexact.
         REQUIRE(std::abs(after.at(r, i) - (model.at(r, i) + noise.displacement[r])) <
                 1.7e-5 * (1 + 3 * noise.size[r]));
       for (std::size_t k = 3; k < kRows; ++k) REQUIRE(after.at(k, i) == model.at(k, i));

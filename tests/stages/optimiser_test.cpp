@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Compares the stages AdamStep and Regularise on every device with double precision.
+// Compares results of the stages AdamStep and Regularise on every device with results in double precision.
 #include <catch2/catch.hpp>
 #include <cmath>
 #include <limits>
@@ -16,7 +16,7 @@ using namespace ubs;
 using test::uploaded;
 
 std::size_t row_count(int dim) { return static_cast<std::size_t>(dim) * (dim + 1) / 2 + 2 * dim + 2; }
-// Rows of kernels/layout.h.
+// Indices of parameter rows, as in kernels/layout.h.
 constexpr std::size_t kRowOfOpacity = 6;
 std::size_t scale_row(int dim) { return 8 + 2 * static_cast<std::size_t>(dim - 3); }
 
@@ -35,7 +35,7 @@ std::vector<float> random_values(std::size_t size, unsigned seed, float spread =
 
 }  // namespace
 
-TEST_CASE("adam matches the double recurrence in every row and dimension", "[adam][device]") {
+TEST_CASE("adam: five steps agree with double precision in every parameter row", "[adam][device]") {
   for (const int dim : {3, 6, 7})
     for_each_stages(dim, [dim](Device& device, Stages& stages) {
       const std::uint32_t count = 100, stride = 128;
@@ -68,7 +68,8 @@ TEST_CASE("adam matches the double recurrence in every row and dimension", "[ada
       for (std::size_t k = 0; k < rows; ++k)
         for (std::uint32_t i = 0; i < count; ++i) {
           const std::size_t at = k * stride + i;
-          // Worst seen on PoCL: 2.2e-7 (|p| + 0.1), 1.7e-7 (|m| + 0.01), 1.8e-7 v.
+          // The largest errors observed on PoCL are 2.2e-7 (|p| + 0.1) for the parameter p, 1.7e-7 (|m| +
+          // 0.01) for the first moment m, and 1.8e-7 v for the second moment v.
           const auto& [p, m, v] = expected[at];
           REQUIRE(std::abs(got[at] - p) < 4.4e-7 * (std::abs(p) + 0.1));
           REQUIRE(std::abs(got1[at] - m) < 3.4e-7 * (std::abs(m) + 0.01));
@@ -77,7 +78,7 @@ TEST_CASE("adam matches the double recurrence in every row and dimension", "[ada
     });
 }
 
-TEST_CASE("adam corrects the bias correctly up to large step numbers", "[adam][device]") {
+TEST_CASE("adam: the bias correction is accurate for small and large step numbers", "[adam][device]") {
   for_each_stages(6, [](Device& device, Stages& stages) {
     for (const std::uint64_t step : {std::uint64_t{1}, std::uint64_t{1000}, std::uint64_t{1} << 40}) {
       const std::size_t size = row_count(6) * 64;
@@ -103,9 +104,10 @@ TEST_CASE("adam corrects the bias correctly up to large step numbers", "[adam][d
   });
 }
 
-// The square of 1e-20 times 0.001 is 1e-43 with denormals, and 0 without. As epsilon = 1e-15 dominates, the
-// steps only differ by 1e-5.
-TEST_CASE("adam with zero, tiny and denormal values stays finite and predictable", "[adam][device]") {
+// A gradient of 1e-20 gives a second moment of 1e-43 on devices that support denormal numbers, and 0 on other
+// devices. The steps nevertheless only differ by 1e-5, because epsilon = 1e-15 is much larger than the square
+// root of the moment.
+TEST_CASE("adam: steps for zero, tiny and denormal gradients agree with double precision", "[adam][device]") {
   for_each_stages(6, [](Device& device, Stages& stages) {
     const float values[] = {0.0f, 1e-20f, -1e-20f, 1e-30f, 1e-40f, -1e-45f, 1e-12f, 1e18f};
     const std::size_t size = row_count(6) * 64;
@@ -128,7 +130,7 @@ TEST_CASE("adam with zero, tiny and denormal values stays finite and predictable
   });
 }
 
-TEST_CASE("watched adam: the same bits, a stamp for values that are not finite, and then no further step",
+TEST_CASE("adam with a sentinel gives the same bits, and stops after a gradient that is not finite",
           "[adam][device]") {
   for_each_stages(6, [](Device& device, Stages& stages) {
     const std::uint32_t count = 100, stride = 128;
@@ -182,7 +184,7 @@ TEST_CASE("watched adam: the same bits, a stamp for values that are not finite, 
       CHECK(b.params.download()[bad] == start[bad]);
       CHECK_FALSE(std::isfinite(b.m2.download()[bad]));
       same(a.params, b.params, bad);
-      step(b, g, 8);  // no step
+      step(b, g, 8);  // changes nothing, because the sentinel contains the stamp 7
       CHECK(sentinel.download()[0] == 7);
       same(a.params, b.params, bad);
     }
@@ -202,7 +204,7 @@ TEST_CASE("watched adam: the same bits, a stamp for values that are not finite, 
   });
 }
 
-TEST_CASE("penalties are added to the gradients of their own rows", "[adam][device]") {
+TEST_CASE("penalties change only the gradients of opacities and spatial scales", "[adam][device]") {
   for (const int dim : {3, 6, 7})
     for_each_stages(dim, [dim](Device& device, Stages& stages) {
       const std::uint32_t count = 100, stride = 128;
@@ -221,7 +223,7 @@ TEST_CASE("penalties are added to the gradients of their own rows", "[adam][devi
             if (k == kRowOfOpacity) expected += oracle::opacity_penalty(raw[at], 0.5, count);
             if (k >= scale_row(dim) && k < scale_row(dim) + 3)
               expected += oracle::scale_penalty(raw[at], scale_weight, count);
-            // Worst seen on PoCL: 5.7e-8 (|v| + 0.01).
+            // The largest error observed on PoCL is 5.7e-8 (|v| + 0.01), where v is the expected gradient.
             REQUIRE(std::abs(after[at] - expected) < 1.1e-7 * (std::abs(expected) + 0.01));
           }
       }

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Compares the stages DrawSky, SkyGradient and SkyStep on every device with double precision.
+// Compares results of the stages DrawSky, SkyGradient and SkyStep on every device with results in double
+// precision.
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -18,8 +19,9 @@ using test::for_each_stages;
 using test::uploaded;
 
 constexpr std::size_t kNumbers = kSkyNumbers;
-// Bounds: twice the largest errors observed on PoCL and with CUDA on the host, which are 2.5e-7, 1.5e-7
-// (relative to the sum of magnitudes) and 2.1e-7.
+// The bounds are twice the largest errors observed on PoCL and with the CUDA back end on the host: 2.5e-7 for
+// pixels, 1.5e-7 for the gradient (relative to the sum of the absolute values of its terms), and 2.1e-7 for
+// steps.
 constexpr double kPixelError = 5e-7, kGradientError = 3e-7, kStepError = 4.2e-7;
 
 // Returns nine functions of the direction of a pixel: 1, and the harmonics of degrees 1 and 2.
@@ -37,8 +39,9 @@ std::vector<double> functions_at(const Camera& camera, int x, int y) {
 struct Picture {
   Camera camera;
   ImageShape shape;
-  std::vector<float> sky, transmittance, image,
-      v_image;  // planes as on the device, with NaN outside of the image
+  // `sky` contains the coefficients. The others are planes with padding, as on the device. The padding of
+  // transmittance and image is NaN, and that of v_image is 0.
+  std::vector<float> sky, transmittance, image, v_image;
   std::size_t at(int c, int x, int y) const {
     return static_cast<std::size_t>(c) * shape.plane() +
            static_cast<std::size_t>(y) * static_cast<std::size_t>(shape.pitch()) +
@@ -84,7 +87,8 @@ Picture picture(int width, int height) {
   return p;
 }
 
-// Returns the rows of two cameras. The second camera is that of the image.
+// Returns the values of two cameras as the stages expect them. The second one is the given camera, and the
+// first one must not be used.
 std::vector<float> camera_rows(const Camera& camera) {
   std::vector<float> rows(2 * kCameraStride, 1e30f);
   float* const row = rows.data() + kCameraStride;

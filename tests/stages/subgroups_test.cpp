@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tests the backward pass of the GPU rasteriser with lane exchange, using the functions of the device if it
-// has them, and an emulation in local memory. Gradients must be bit-identical to those without lane exchange,
+// Tests the backward pass of the GPU rasteriser with lane exchange: the work-items of a sub-group read each
+// other's values directly. It is tested with an emulation in local memory and, if the device supports lane
+// exchange, with the functions of the device. Gradients must be bit-identical to those without lane exchange,
 // which other tests compare with the oracle.
 #include <fmt/format.h>
 
@@ -33,7 +34,8 @@ std::vector<T> read(Device& device, BufferView<T> view) {
   return values;
 }
 
-// `path` is "gpu/exchange.h" or a file that replaces it. Slots with mask 0 are not changed.
+// Runs the backward pass of the rasteriser and returns the gradient slots. `exchange` is the header with the
+// functions for lane exchange: "gpu/exchange.h" or a file that replaces it. Slots with mask 0 are 0.
 std::vector<float> backward_by(OpenclDevice& device, const RasterBackward& work, const char* exchange,
                                const Options& options) {
   const test::KernelFolder folder;
@@ -51,7 +53,7 @@ std::vector<float> backward_by(OpenclDevice& device, const RasterBackward& work,
   return slots.download();
 }
 
-TEST_CASE("sums by lane exchange equal those through local memory") {
+TEST_CASE("sums with lane exchange equal those through local memory") {
   const bench::BenchScene scene = bench::synthetic_object(6, 1500, 70, 50, 1);
   for (const auto& device : opencl_devices_under_test()) {
     CaptureStages stages(ubs::make_stages(*device, {.dim = 6, .raster = RasterKind::gpu}));
@@ -60,7 +62,7 @@ TEST_CASE("sums by lane exchange equal those through local memory") {
     renderer.set_cameras({scene.views.views[0].camera});
     const std::size_t pairs = renderer.forward(model.view(), 0, {}, true).intersections;
     const std::size_t plane = renderer.shape().plane();
-    std::vector<float> v_image(3 * plane, 0.0f);  // padding stays 0
+    std::vector<float> v_image(3 * plane, 0.0f);  // the padding remains 0
     for (std::size_t c = 0; c < 3; ++c)
       for (int y = 0; y < 50; ++y)
         for (int x = 0; x < 70; ++x)
@@ -81,7 +83,8 @@ TEST_CASE("sums by lane exchange equal those through local memory") {
     for (const unsigned lanes : {16u, 32u}) {
       const std::string turn = fmt::format("-DUBS_BACKWARD_TURN={}", lanes);
       for (const unsigned batch : {32u, 128u}) {
-        if ((lanes == 16) != (batch == 32) && !test::whole_sweep()) continue;  // each of them once
+        // Tests two of the four combinations, or all of them with UBS_TEST_ALL=1.
+        if ((lanes == 16) != (batch == 32) && !test::whole_sweep()) continue;
         CHECK(backward_by(opened, work, "../tests/support/emulated_exchange.h",
                           {"-DUBS_SUBGROUPS=4", turn, fmt::format("-DUBS_BACKWARD_BATCH={}", batch)}) ==
               portable);

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tests tuned constants: the table agrees with the sources, a tuning file is written, used, and ignored if it
-// is unsuitable, and tuned kernels give the results of the defaults.
+// Tests tuned constants: the table of constants agrees with the kernel sources, tuning files are written,
+// used, and ignored if they are damaged or belong to another device, and tuned kernels give the same results
+// as the defaults.
 #include <algorithm>
 #include <catch2/catch.hpp>
 #include <regex>
@@ -35,11 +36,11 @@ const DeviceInfo kDevice{.platform = "Platform \"P\"", .name = "Device D", .driv
 
 OpenclDevice& opencl_of(Device& device) { return dynamic_cast<OpenclDevice&>(device); }
 
-TEST_CASE("each default in the table of tuned constants is that of the kernel") {
+TEST_CASE("the defaults in the table of tuned constants are those in the kernel sources") {
   for (const TunedConstant& constant : tuned_constants()) {
     INFO(constant.macro << " in " << constant.source);
     const std::string macro(constant.macro);
-    if (constant.source.starts_with("host/")) {  // only used in launches
+    if (constant.source.starts_with("host/")) {  // the constant is only used by host code
       const std::string text = get(test::source_folder() / constant.source);
       CHECK(text.find("tuned_value(device.info().tuning, \"" + macro + "\")") != std::string::npos);
       continue;
@@ -57,7 +58,7 @@ TEST_CASE("each default in the table of tuned constants is that of the kernel") 
   }
 }
 
-TEST_CASE("every #ifndef default of the tunable kernels is in the table") {
+TEST_CASE("every constant with an #ifndef default in the tunable kernels is in the table") {
   for (const char* name :
        {"opencl/raster_cpu.cl", "gpu/raster_backward.cl", "opencl/slot_sum.cl", "gpu/sum_slots.cl",
         "gpu/loss.cl", "opencl/tile_list_chunks.cl", "map/project.cl"}) {
@@ -73,7 +74,7 @@ TEST_CASE("every #ifndef default of the tunable kernels is in the table") {
   }
 }
 
-TEST_CASE("a tuning file is found again, separately for each kind of rasteriser") {
+TEST_CASE("values are saved and loaded separately for each kind of rasteriser") {
   const TuningFolder folder;
   CHECK(load_tuning(kDevice, tuned_constants()).empty());
   save_tuning(kDevice, tuned_constants(), RasterKind::cpu, {{"UBS_CHUNK", 32}, {"UBS_SUM_GROUP", 128}});
@@ -117,10 +118,10 @@ TEST_CASE("tuning files that are damaged or of another device are ignored") {
   CHECK(with("Device D", "Device E").empty());
   CHECK(with("\"format\": 1", "\"format\": 2").empty());
   CHECK(with("values", "other").empty());
-  CHECK(with("UBS_CHUNK", "UBS_N").empty());  // not for tuning
-  CHECK(with("32", "33").empty());            // not a candidate: would break the kernel
+  CHECK(with("UBS_CHUNK", "UBS_N").empty());  // this macro is not a tuned constant
+  CHECK(with("32", "33").empty());            // the value is not a candidate and would break the kernel
   CHECK(with("32", "-32").empty());
-  CHECK(with("32", "\"32; rm -rf\"").empty());  // never becomes an option
+  CHECK(with("32", "\"32; rm -rf\"").empty());  // a text must never become an option of the compiler
   CHECK(with("\"UBS_CHUNK\": 32", "\"UBS_NONE\": 1, \"UBS_CHUNK\": 48") == TuningValues{{"UBS_CHUNK", 48}});
   for (const std::size_t length : {std::size_t{0}, std::size_t{1}, good.size() / 2}) {
     put(tuning_file(kDevice), good.substr(0, length));
@@ -130,7 +131,7 @@ TEST_CASE("tuning files that are damaged or of another device are ignored") {
   CHECK(load_tuning(kDevice, tuned_constants()).empty());
 }
 
-TEST_CASE("a device is opened with its tuning file and builds kernels with its values") {
+TEST_CASE("opening a device loads its tuning file, and its kernels are built with the values") {
   const TuningFolder folder;
   const std::vector<DeviceInfo> devices = list_devices();
   for (std::size_t i = 0; i < devices.size(); ++i) {
@@ -143,24 +144,24 @@ TEST_CASE("a device is opened with its tuning file and builds kernels with its v
     const auto options = opened.tuned({{"opencl/raster_cpu.cl"}, {"-DUBS_VW=16"}}).options;
     CHECK(options == std::vector<std::string>{"-DUBS_VW=16", "-DUBS_CHUNK=32"});
     CHECK(opened.tuned({{"map/adam.cl"}, {}}).options.empty());
-    // Options that the host has chosen are not changed.
+    // An option that host code has already set is not changed.
     CHECK(opened.tuned({{"gpu/loss.cl"}, {"-DUBS_LOSS_TILE=64"}}).options.size() == 1);
     save_tuning(devices[i], tuned_constants(), RasterKind::cpu, {});
   }
 }
 
 // Tests the last candidate of each constant, or all of them with UBS_TEST_ALL=1. Host and kernel must use the
-// same values: otherwise pixels are lost or launches fail. Observed: results are bit-identical except with
-// other tiles of the loss, whose shifts depend on the tiles (2.4e-6 of the gradient of the row with the most
-// cancellation), and with other batches of the GPU rasteriser (below 4e-7).
-TEST_CASE("candidates do not change the results of a training step") {
+// same values: otherwise pixels are lost or launches fail. In most cases, the results are bit-identical to
+// those of the defaults. With other tiles of the loss, the largest observed difference is 2.4e-6, for
+// gradients whose terms cancel. With other batches of the GPU rasteriser, differences are below 4e-7.
+TEST_CASE("candidates of tuned constants do not change the results of a training step") {
   const bench::BenchScene scene = bench::synthetic_object(3, 1500, 70, 50, 1);
   for (const auto& device : opencl_devices_under_test()) {
     OpenclDevice& opened = opencl_of(*device);
     for (const RasterKind raster : {RasterKind::cpu, RasterKind::gpu}) {
       opened.set_tuning({});
       const bench::Parts expected = bench::StepBench(*device, scene, raster).outputs();
-      for (const std::vector<float>& part : expected)  // not a trivial result
+      for (const std::vector<float>& part : expected)  // a part with only zeros would not show a difference
         REQUIRE(std::ranges::any_of(part, [](float v) { return v != 0; }));
       // Tests the n-th candidates of all constants at the same time, which needs fewer builds. The last set
       // has the last candidate of each constant.
@@ -181,7 +182,7 @@ TEST_CASE("candidates do not change the results of a training step") {
   }
 }
 
-TEST_CASE("a value must be better by two per cent and three standard errors") {
+TEST_CASE("a candidate is only chosen if it is faster by two per cent and by three standard errors") {
   const auto trial = [](double ratio, double uncertainty, const char* note = "") {
     return bench::Trial{.macro = "M", .ratio = ratio, .uncertainty = uncertainty, .note = note};
   };
@@ -190,8 +191,8 @@ TEST_CASE("a value must be better by two per cent and three standard errors") {
   CHECK_FALSE(bench::clearly_faster(trial(0.95, 0.02)));
   CHECK_FALSE(bench::clearly_faster(trial(0, 0, "does not run on this device")));
   CHECK(bench::relative_difference({{1, 2}}, {{1, 2}}) == 0);
-  CHECK(bench::relative_difference({{100}, {1}}, {{100}, {2}}) ==
-        0.5);  // a larger part does not hide the error of a smaller one
+  // Parts are compared separately, so that a part with large values does not hide the error of another part.
+  CHECK(bench::relative_difference({{100}, {1}}, {{100}, {2}}) == 0.5);
   CHECK(std::isinf(bench::relative_difference({{1}}, {{1, 2}})));
   CHECK(std::isinf(bench::relative_difference({{0}, {NAN}}, {{0}, {1}})));
 }

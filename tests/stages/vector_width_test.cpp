@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tests the explicit vector widths of other machines (AVX2: 8, NEON and SSE: 4, GPUs: 1) on the available
-// device: a view and its gradient agree with those for the native width up to rounding.
+// Tests vector widths that ubs uses on other machines (8 with AVX2, 4 with NEON and SSE, 1 on GPUs) on the
+// available device: the gradient of a view must be equal to the one for the device's own width, except for
+// rounding.
 #include <catch2/catch.hpp>
 
 #include "host/lab/oracle/scenes.hpp"
@@ -21,7 +22,7 @@ std::vector<float> gradient_at_width(std::size_t device_index, unsigned width, c
 }
 
 TEST_CASE("every vector width gives the same gradient", "[stages]") {
-  if (opencl_devices_under_test().empty()) return;  // CUDA on the host would only repeat the same test
+  if (opencl_devices_under_test().empty()) return;  // with --cuda-on-host, the same test would be repeated
   const std::vector<DeviceInfo> devices = opencl::list_devices();
   for (std::size_t i = 0; i < devices.size(); ++i) {
     for (const int dim : {3, 4, 7}) {

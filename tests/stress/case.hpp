@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Case describes what a stress run renders and compares: a model, a camera, and weights for the pixels. The
-// image and the gradient of sum(weights * image) are compared, so that only the renderer is involved. The
-// functions below create the simple scene that the rows vary: a camera at the origin that looks along z, and
-// splats in front of it.
+// Case describes what a stress test renders and compares: a model, a camera, and weights for the pixels. The
+// image and the gradient of sum(weights * image) are compared, so that only the renderer is tested, and not
+// the loss. The functions below create a simple scene, which the stress tests change: a camera at the origin
+// that looks along z, and splats in front of it.
 #pragma once
 
 #include <string>
@@ -21,16 +21,20 @@ struct Case {
   Camera camera;
   RenderSettings settings;
   bool query_grad = false;
-  bool exact = false;  // thresholds are met exactly in single precision, so no pixel is excluded
+  // True if values at thresholds are exact in single precision, so that no pixel must be excluded as
+  // undecided.
+  bool exact = false;
 };
 
 // Returns the weights of the pixels of the case, (3, H, W), between -1 and 1.
 std::vector<float> pixel_weights(const Case& c);
 
+// Dimensions of the models in most stress tests.
 inline constexpr int kRowDims[] = {3, 4, 5, 6, 7};
 
 // Returns a case with 32 x 24 pixels, fx = fy = 32, the principal point in the centre, and time 0.5. All
-// numbers are exact in single precision, and so are the projections of points whose depths are powers of two.
+// numbers of the camera are exact in single precision, and so are the projections of points whose depths are
+// powers of two.
 Case row_case(const std::string& name, int dim, std::size_t splats, const ModelVariant& variant = {});
 
 // SplatPlan holds all properties of a splat of a row_case, as activated values. The defaults describe an
@@ -41,10 +45,12 @@ struct SplatPlan {
   double opacity_raw = 1;
   double beta_raw = 0, query_beta_raw = 0;
   double query_scale = 1;
-  double coupling = 0.3;      // entries of l_triangle below the spatial block
-  double omega = 0.3;         // entries of the spatial rotation
-  double query_offset = 0.2;  // mean - query
+  double coupling = 0.3;      // largest magnitude of the entries of l_triangle below the spatial block
+  double omega = 0.3;         // largest magnitude of the entries of the spatial rotation
+  double query_offset = 0.2;  // largest difference between the mean of the splat and the query
 };
+// Writes the raw parameters of splat i. Its colours and the signs of entries are random, and depend only on
+// i.
 void put_splat(Case& c, std::size_t i, const SplatPlan& plan);
 
 // Returns a case of `count` ordinary splats that are spread over the image.

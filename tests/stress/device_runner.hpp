@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// DeviceRunner renders cases and computes their gradients on a device. Kernels are compiled once per variant,
-// and buffers are reused between cases.
+// DeviceRunner renders cases of stress tests and computes their gradients on a device. It compiles kernels
+// once per variant, and reuses buffers for all cases.
 #pragma once
 
 #include <functional>
@@ -17,11 +17,12 @@ namespace ubs::stress {
 struct DeviceResult {
   std::vector<float> image;  // (3, H, W)
   std::vector<float> alpha;  // (H, W)
-  // Each parameter is replaced by the derivative of sum(weights * image) with respect to it.
+  // The derivatives of sum(weights * image) with respect to the parameters, in the layout of the parameters.
   SplatModel gradient;
   ListTotals totals;
 };
 
+// Returns whether both spans have the same size and the same bits. NaNs with equal bits are equal.
 bool same_bits(std::span<const float> a, std::span<const float> b);
 
 class DeviceRunner {
@@ -32,13 +33,13 @@ class DeviceRunner {
   // Renders a case. `weights` are (3, H, W); if they are empty, only the image is computed. Throws
   // Error(memory) if the device has too little memory.
   DeviceResult run(const Case& c, const std::vector<float>& weights);
-  // Returns the stages of a variant, for stress tests (Row of row.hpp) that call stages directly.
+  // Returns the stages of a variant, for stress tests that call stages directly.
   Stages& stages(int dim, const ModelVariant& variant = {}, bool query_grad = false);
   Device& device() { return device_; }
   RasterKind raster() const { return raster_; }
 
-  // Called with every result before it is judged. Tests use it to introduce faults, which must then be
-  // detected.
+  // This function is called with every result before it is compared. Tests use it to introduce faults, which
+  // must then be detected.
   std::function<void(const Case&, DeviceResult&)> disturb;
 
  private:

@@ -1,12 +1,14 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""Runs the check of devices and rows of `ubs-lab stress` with inexact divisions: disturbed_test.py UBS UBS-LAB.
+"""Runs the device check and some tests of `ubs-lab stress` with inexact divisions. Run it as disturbed_test.py UBS
+UBS-LAB, with the paths of the two executables.
 
-OpenCL allows errors of about 3 ulp in divisions and roots. CPUs round both correctly, so ordinary tests do not show
-what such a device computes. disturb() writes a copy of kernels/ in which every floating-point quotient, root and
-reciprocal is moved by up to 3 ulp; a hash of the bits of the operands determines by how much. If requested, it also
-moves the results of exp, log, sin and cos. With this copy, the check and the stress rows must pass, and the errors must
-be larger than with the original kernels. `disturbed_test.py --write OUT [name=value ...]` only writes the copy.
+OpenCL allows errors of about 3 ulp in divisions and roots. CPUs round both correctly, so ordinary tests on a CPU do not
+show the results of a device with such errors. disturb() writes a copy of kernels/ in which every floating-point
+quotient, root and reciprocal is changed by up to 3 ulp; a hash of the bits of the operands determines the change. If
+`functions` is 1, it also changes the results of exp, log, sin and cos. With this copy, the device check and the stress
+tests must pass, and the errors must be larger than with the original kernels. `disturbed_test.py --write OUT
+[name=value ...]` only writes the copy to the folder OUT; names and values are parameters of disturb().
 """
 import json
 import os
@@ -22,8 +24,8 @@ ROWS = 'needles*,query condition*,low betas*,four pixels on rims*,large image*,r
 TOKEN = re.compile(r'//[^\n]*|/\*.*?\*/|\\\n|\s+|"(?:\\.|[^"\\])*"|\.?\d(?:[eEpP][+-]|[\w.])*|\w+|/=|->|.', re.S)
 HEAD = re.compile(r'^[ \t]*#[ \t]*(?:define[ \t]+\w+(?:\([^)]*\))?|(?!define)(?:[^\n\\]|\\.)*)', re.M | re.S)
 KEYWORDS = {'return', 'if', 'else', 'for', 'while', 'case', 'do'}
-# Text to append to kernels/dialect/dialect.h. UBS_DIV selects by the type of the quotient, so integer divisions are not
-# changed.
+# Text that is appended to kernels/dialect/dialect.h. UBS_DIV chooses an implementation by the type of the quotient, so
+# integer divisions are not changed.
 PRELUDE = r'''
 #if defined(UBS_OPENCL) && !defined(UBS_REAL_DOUBLE)
 #define UBS_OVERLOAD static inline __attribute__((overloadable, always_inline))
@@ -63,7 +65,7 @@ def tokens(text):
     return out + TOKEN.findall(text[at:])
 
 
-def is_operand(t):  # part of a name, number, call, cast or group: a token that can follow another without an operator
+def is_operand(t):  # whether a token is part of a name, number, call, cast or group, and not an operator or keyword
     return t not in KEYWORDS and (t[0].isalnum() or t[0] in '_.([' or t == '->')
 
 
@@ -96,7 +98,7 @@ def left_of(parts, i):
 def divided(parts):
     """Returns the tokens as text, with UBS_DIV instead of `/`."""
     out, i = [], 0
-    while i < len(parts):  # groups first
+    while i < len(parts):  # replaces divisions within parentheses and brackets first
         k = i
         if parts[i] in '([':
             depth = 1
@@ -115,7 +117,8 @@ def divided(parts):
 
 
 def disturb(out, seed=1, values=7, step=1, least=-3, functions=0):
-    """Writes the kernels to `out`. Each result is moved by least + step * k ulp, with k from 0 to values - 1."""
+    """Writes the changed kernels to `out`. Each result is changed by least + step * k ulp, where k is a number from 0
+    to values - 1 that depends on the operands and on `seed`."""
     shutil.copytree(KERNELS, out)
     names = 'sqrt|native_recip' + ('|exp|log|log1p|expm1|sin|cos|native_exp2|native_log2' if functions else '')
     for path in [*out.rglob('*.h'), *out.rglob('*.cl')]:

@@ -11,12 +11,12 @@
 namespace ubs::stress {
 namespace {
 
-// Norms below this count as zero: the weights of the pixels have a magnitude of 1, and Adam's epsilon is
-// 1e-15.
+// Norms below this limit count as zero. It is far below the weights of the pixels, which are about 1, and
+// below the epsilon of Adam, which is 1e-15.
 constexpr double kNothing = 1e-20;
 // Values of the reference above this limit count as outside the range of single precision.
 constexpr double kMost = 1e34;
-// If the share of decided pixels is below this, nothing is compared.
+// If the share of decided pixels is smaller than this, errors are not compared.
 constexpr double kMinDecided = 0.05;
 // A pixel may exceed the range of its colours by this share of their magnitude, because the sum of the
 // weights is rounded.
@@ -28,9 +28,9 @@ double norm(std::span<const double> values) {
   return std::sqrt(sum);
 }
 
-// Returns the relative difference, or 0 if the difference is not larger than `least`. The floors, which state
-// how far half an ulp of the inputs moves a value, are computed with least = 0. Otherwise, a floor could
-// become 0, and a gradient of 1e-17 would not be allowed any error.
+// Returns difference / size, or 0 if the difference is not larger than `least`. The floors, which are the
+// errors that rounding of the inputs causes, are computed with least = 0. Otherwise, the floor of a gradient
+// of 1e-17 could become 0, and no error of this gradient would be allowed.
 double relative(double difference, double size, double least) {
   if (!(difference > least)) return std::isnan(difference) ? std::numeric_limits<double>::infinity() : 0;
   return difference / std::max(size, kNothing);
@@ -98,8 +98,8 @@ void compare_gradients(const Case& c, const Expectation& expected, const DeviceR
   }
 }
 
-// Checks property 1: pixels must be between the minimum and the maximum of the background and of the colours
-// of splats that may be visible. Returns the problem, or an empty text.
+// Checks that pixels are between the minimum and the maximum of the background and of the colours of splats
+// that may be visible. Returns a description of the problem, or an empty text.
 std::string outside_colours(const Case& c, const oracle::Study& study, const DeviceResult& actual) {
   if (c.model.variant.colour != ColourMode::rgb) return "";
   const std::size_t pixels = actual.alpha.size();
@@ -121,6 +121,7 @@ std::string outside_colours(const Case& c, const oracle::Study& study, const Dev
   return "";
 }
 
+// Checks that all gradients of culled splats are 0. Returns a description of the problem, or an empty text.
 std::string touched_when_culled(const Case& c, const oracle::Study& study, const DeviceResult& actual) {
   for (std::size_t i = 0; i < c.model.count; ++i) {
     if (!study.culled[i]) continue;
@@ -145,6 +146,7 @@ void check_promises(const Case& c, const Expectation& expected, const DeviceResu
   fault(Fault::culled_gradient, touched_when_culled(c, expected.study, actual));
 }
 
+// Returns whether a value of the reference image or gradient is outside the range of single precision.
 bool beyond_single(const oracle::Study& study) {
   const auto largest = [](const std::vector<double>& values) {
     double most = 0;

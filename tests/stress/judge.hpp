@@ -18,14 +18,15 @@ inline constexpr double kInfinity = std::numeric_limits<double>::infinity();
 // The promised relative error (2-norm) of an image, and of a gradient by parameter group. It holds unless the
 // rounding of the inputs alone causes a larger error.
 inline constexpr double kPromise = 1e-3;
-// An error above this multiple of the change that half-ulp rounding of the inputs causes is an error of the
-// program itself.
+// An error counts as an error of ubs if it is larger than this multiple of the change that rounding the
+// inputs by half an ulp causes.
 inline constexpr double kConditioning = 32;
 
-// float64: the errors are within the promise. inputs: they are larger, but rounding of the inputs explains
-// them. known: a stated limit of the formulas explains them (known_limits.hpp). undecided: rounding decides
-// nearly everywhere, or the numbers exceed single precision, so only the properties of every case were
-// checked. failed: everything else.
+// float64: the errors are at most kPromise. inputs: the errors are larger, but at most kConditioning times
+// the change that rounding of the inputs causes. known: the errors are larger, but within a known limit of
+// the formulas (known_limits.hpp). undecided: nearly all pixels are undecided, or values exceed the range of
+// single precision, so only the properties that hold for every case were checked. failed: a property does not
+// hold, or the errors are larger than all of these allow.
 enum class Outcome { float64, inputs, known, undecided, failed };
 inline constexpr std::size_t kOutcomes = 5;
 std::string_view to_string(Outcome outcome);
@@ -54,7 +55,8 @@ struct Verdict {
   std::size_t drawn = 0, pixels = 0, undecided = 0;
 };
 
-// Expectation is the part of the work that needs no device. Cases may be prepared in parallel.
+// Expectation contains the results of a case that are computed without the device. expect() may be called in
+// parallel for several cases.
 struct Expectation {
   std::vector<float> all_weights;  // used for checking properties
   std::vector<float> weights;      // 0 at undecided pixels; used for comparing
@@ -62,8 +64,8 @@ struct Expectation {
 };
 Expectation expect(const Case& c);
 
-// Does the part of the work that needs the device. If the device refuses the case or fails, the verdict is
-// `failed`.
+// Runs the case on the device and compares the results. If the device rejects the case or an error occurs,
+// the outcome is `failed`.
 Verdict answer(const Case& c, const Expectation& expected, DeviceRunner& runner);
 inline Verdict examine(const Case& c, DeviceRunner& runner) { return answer(c, expect(c), runner); }
 

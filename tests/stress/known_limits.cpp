@@ -16,19 +16,23 @@ double allowed(double rounding, const KnownLimit& limit) {
 
 }  // namespace
 
-// Factors are at most twice the largest values that were observed in 61 580 cases (seed 7) on PoCL (AVX-512)
-// with rasteriser cpu: 180; 29; 8.0 (the last one in 130 000 cases of an earlier version of the formulas).
+// The factors are at most twice the largest factors that were observed on PoCL (AVX-512) with the CPU
+// rasteriser: 180 for the conic and 29 for the gradient, in 61 580 cases with seed 7, and 8.0 for colours, in
+// 130 000 cases with an earlier version of the formulas.
 const std::vector<KnownLimit>& known_limits() {
   static const std::vector<KnownLimit> kLimits{
-      // Magnitude of the terms of the ellipse in the image / its determinant. It is large for needles, discs
-      // that are seen from the side, and splats far from the axis.
+      // Amplification: the magnitude of the terms of the determinant of the ellipse in the image, divided by
+      // the determinant. It is large for needles, for discs that are seen from the side, and for splats far
+      // from the optical axis.
       {"cancelling conic", [](const oracle::Study& s) { return s.amplification; }, 360, 2e-4},
-      // Magnitude of the parts of the gradient through the mean, the ellipse and the rest / magnitude of
-      // their sum. It is large for splats that cover the image from far outside.
+      // Amplification: the magnitudes of the parts of the gradient through the mean, through the ellipse and
+      // through all other values, divided by the magnitude of their sum. It is large for splats that cover
+      // the image although their centre is far outside.
       {"cancelling gradient", [](const oracle::Study& s) { return s.gradient_cancellation; }, 58, kInfinity},
-      // Largest colour / smallest colour.
+      // Amplification: the largest colour divided by the smallest colour.
       {"contrast of colours", [](const oracle::Study& s) { return s.colour_contrast; }, 16, 0.1},
-      // For a query row of zeros whose scale is below 1e-30, the value is defined, but the slope is not.
+      // If a query row contains only zeros and its scale is below 1e-30, the image is defined, but its
+      // derivative is not.
       {"lifted pivot", [](const oracle::Study& s) { return s.floored > 0 ? kInfinity : 0; }, 0, 1},
   };
   return kLimits;

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// KnownLimit describes a situation in which the formulas of kernels/math have a larger error than promised.
-// Each limit names a property of the model by which rounding is amplified. The error of a gradient may then
-// reach a stated multiple of (half an ulp) * (this amplification). The stated multiple is at most twice the
-// largest multiple that was observed. There are no known limits for images. A run counts the cases by limit,
-// and fails if one becomes worse.
+// KnownLimit describes a situation in which the formulas of kernels/math have a larger error than kPromise
+// (judge.hpp). Each limit has an amplification: a property of the model by which rounding errors are
+// multiplied. The error of a gradient may then be up to factor * 2^-24 * amplification. The factor is at most
+// twice the largest one that was observed. There are no known limits for images. A stress run counts the
+// cases of each limit, and fails if the error of a case is larger.
 #pragma once
 
 #include <string>
@@ -19,11 +19,11 @@ struct KnownLimit {
   std::string name;
   double (*amplification)(const oracle::Study&);
   double factor;  // largest allowed gradient error in units of 2^-24 * amplification
-  // If 2^-24 * amplification is at least this, no digit of the gradient is promised, only that all values are
-  // finite.
+  // If 2^-24 * amplification is at least this value, the gradient may have any error, but must be finite.
   double lost;
 };
 
+// Returns all known limits.
 const std::vector<KnownLimit>& known_limits();
 // Returns r = 2^-24 * amplification.
 double limit_rounding(const KnownLimit& limit, const oracle::Study& study);

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// This file implements random_case(). Positions are chosen in the frame of the camera, because invisible
-// splats test little. An expression draws at most one random number, or has operands whose order the language
-// defines. Compilers evaluate arguments of a function in different orders.
+// This file implements random_case(). Positions of splats are chosen relative to the camera, so that most
+// splats are visible. To get the same cases with every compiler, an expression draws at most one random
+// number, or the language defines the order in which its operands are evaluated. This order is not defined
+// for the arguments of a function.
 #include "tests/stress/random_case.hpp"
 
 #include <fmt/format.h>
@@ -102,6 +103,7 @@ struct Scene {
   float near_plane;
 };
 
+// Puts a splat at the depth z and at (slope_x, slope_y) z in the coordinates of the camera.
 void place(Splat& s, const Scene& scene, double slope_x, double slope_y, double z) {
   const Vector p{slope_x * z, slope_y * z, z};
   for (int i = 0; i < 3; ++i) {
@@ -124,12 +126,14 @@ std::vector<double> query_at(const Splat& s, const Scene& scene) {
   return q;
 }
 
+// Sets the mean of the query values to the query of the camera, plus random numbers of up to `spread`.
 void aim(Splat& s, const Scene& scene, Random& r, double spread) {
   const std::vector<double> q = query_at(s, scene);
   for (int i = 0; i < s.l.query; ++i)
     s.at(s.l.mean + i) = q[static_cast<std::size_t>(i)] + r.uniform(-spread, spread);
 }
 
+// Sets all parameters of a splat without extreme properties.
 void ordinary(Splat& s, const Scene& scene, Random& r, double depth) {
   const Camera& c = scene.camera;
   const double y = r.uniform(-0.1, 1.1) * c.height, x = r.uniform(-0.1, 1.1) * c.width;
@@ -139,7 +143,7 @@ void ordinary(Splat& s, const Scene& scene, Random& r, double depth) {
     s.at(row) = row < l.rgb + 3 ? r.uniform(0, 1) : 0.2 * r.normal();
   s.at(l.opacity) = r.uniform(-3, 3);
   for (int row = l.beta; row < l.mean; ++row) s.at(row) = r.uniform(-1.5, 1);
-  // Footprints range from a few pixels to the whole image.
+  // The sizes of splats in the image range from a few pixels to the whole image.
   const double size = depth / c.fx * r.uniform(1, 0.6 * std::max(4, std::min(c.width, c.height)));
   for (int i = 0; i < l.dim; ++i)
     s.at(l.scale + i) = inverse_softplus_of(i < 3 ? size * r.uniform(0.3, 1.5) : r.uniform(0.5, 1.5));
@@ -175,7 +179,8 @@ void large_rotation(Splat& s, Random& r) {
   for (int i = 0; i < s.rotations(); ++i) s.at(s.l.l_triangle + i) = size * r.uniform(-1, 1);
 }
 
-// Sets query scales far below the coupling. The condition number of Sigma_q is about the square of the ratio.
+// Sets query scales that are much smaller than the coupling of position and query. The condition number of
+// the query covariance Sigma_q is about the square of the ratio.
 void coupled_query(Splat& s, Random& r) {
   const double ratio = log_uniform(r, 10, 1e6), size = log_uniform(r, 0.1, 3);
   for (int row = s.l.l_triangle + 3; row < s.l.count; ++row) s.at(row) = size * r.normal();
@@ -232,7 +237,8 @@ void around_camera(Splat& s, const Scene& scene, Random& r) {
   aim(s, scene, r, 0.3);
 }
 
-// Places the query exactly at the mean, far from it, or at the floor of the tanh.
+// Moves the query mean of the splat relative to the query of the camera: to the same place, far away, or to a
+// distance at which the query factor reaches its floor.
 void at_query(Splat& s, const Scene& scene, Random& r) {
   const std::vector<double> q = query_at(s, scene);
   constexpr double kOffsets[] = {0, 1e-6, 1, 2.884, 3, 30, 1e4};
@@ -250,6 +256,7 @@ void at_tile_edge(Splat& s, const Scene& scene, Random& r) {
   place(s, scene, (x - c.cx) / c.fx, (y - c.cy) / c.fy, 2);
 }
 
+// Replaces one to three parameters by NaN, infinities, or very small or large numbers.
 void poison(Splat& s, Random& r) {
   constexpr double kInfinity = std::numeric_limits<double>::infinity();
   const double kValues[] = {std::nan(""), kInfinity, -kInfinity, 1e-42, -0.0,
@@ -258,6 +265,7 @@ void poison(Splat& s, Random& r) {
   for (int i = 0; i < count; ++i) s.raw[pick(r, s.raw.size())] = kValues[pick(r, std::size(kValues))];
 }
 
+// Makes one random property of the splat extreme.
 void stretch(Splat& s, const Scene& scene, Random& r) {
   switch (pick(r, 14)) {
     case 0:

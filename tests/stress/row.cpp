@@ -10,8 +10,9 @@
 namespace ubs::stress {
 namespace {
 
-constexpr double kFewDigits =
-    2e-4;  // Above this relative rounding, the ratio of error to rounding is meaningless.
+// If the rounding of a known limit is larger than this, the ratio of error to rounding is not printed,
+// because the gradient has too few correct digits.
+constexpr double kFewDigits = 2e-4;
 
 std::size_t started_rows = 0;
 

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Row is the fixture of the stress test cases. A row is a TEST_CASE_METHOD(Row, ...) that checks cases of one
-// difficult or extreme situation on the device of the command line. At its end, it prints the number of cases
-// with each outcome and the largest errors to std::cout. The reporters of Catch2 include this text in their
-// JUnit and XML files.
+// Row is the fixture of the stress tests. A row is a test case, TEST_CASE_METHOD(Row, ...), that checks
+// several cases (case.hpp) of one difficult or extreme situation on the device that the command line selects.
+// At its end, it prints the number of cases with each outcome and the largest errors to std::cout. The
+// reporters of Catch2 include this text in their JUnit and XML files.
 #pragma once
 
 #include <array>
@@ -13,10 +13,10 @@
 
 namespace ubs::stress {
 
-// The options of the command line of run_stress.
+// The options of `ubs-lab stress`.
 struct StressOptions {
   std::string device, raster = "auto";
-  // Random cases from `first` to `first` + `cases` - 1 of the seed.
+  // The random cases that are tested have this seed and the numbers from `first` to `first` + `cases` - 1.
   std::int64_t seed = 1, first = 0, cases = 3000;
 };
 
@@ -35,10 +35,10 @@ class Row {
 
   // Renders the case, compares it with float64, and counts the result as take() does.
   Verdict check_case(const Case& c);
-  // Counts the verdict. A verdict `failed` fails the test case.
+  // Adds the verdict to the counts and to the largest errors. The test case fails if the outcome is `failed`.
   void take(const Case& c, const Verdict& verdict);
-  // Checks an error of a comparison other than that of images. The test case fails if `error` is above
-  // kPromise.
+  // Checks an error that the caller has computed, for example of the loss. The test case fails if it is
+  // larger than kPromise. `what` names the compared value in the message.
   void check_error(double error, const std::string& what);
   std::size_t count(Outcome outcome) const { return outcomes_[static_cast<std::size_t>(outcome)]; }
 
@@ -48,7 +48,7 @@ class Row {
   std::array<std::size_t, kOutcomes> outcomes_{};
   std::size_t cases_ = 0;
   double value_error_ = 0, gradient_error_ = 0;  // largest errors of the decided cases
-  // Largest (gradient error - allowed error) / rounding, by limit.
+  // For each known limit, the largest (gradient error - error allowed without the limit) / rounding.
   std::map<std::string, double> limit_factors_;
 };
 

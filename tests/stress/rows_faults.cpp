@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// This file tests that faults are detected and named correctly. The faults are introduced into the results of
-// a device.
+// This file tests that examine() detects faults and reports the right kind of fault. For this, correct
+// results of a device are changed before they are compared.
 #include <catch2/catch.hpp>
 #include <cmath>
 
@@ -17,7 +17,7 @@ void disturb_gradient(const Case& c, DeviceResult& result) {
   result.gradient.row(c.model.layout().opacity)[c.model.count - 1] *= 1.01f;
 }
 
-TEST_CASE_METHOD(Row, "a wrong gradient is found", "[judge]") {
+TEST_CASE_METHOD(Row, "a gradient that is wrong by one percent is detected", "[judge]") {
   DeviceRunner faulty(device(), runner().raster());
   const Case c = ordinary_case("whole", 6, 12);
   REQUIRE(examine(c, faulty).outcome == Outcome::float64);
@@ -29,7 +29,7 @@ TEST_CASE_METHOD(Row, "a wrong gradient is found", "[judge]") {
   CHECK_THAT(failed.problem, Catch::Contains("opacity"));
 }
 
-TEST_CASE_METHOD(Row, "a wrong pixel, a NaN, a touched culled splat and a colour out of range are found",
+TEST_CASE_METHOD(Row, "wrong images, NaN, colours out of range and gradients of culled splats are detected",
                  "[judge]") {
   DeviceRunner faulty(device(), runner().raster());
   Case c = ordinary_case("faults", 3, 4);

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// This file tests properties of every model: order and definiteness. judge.cpp checks the other properties
-// for every case of every row: images stay within the range of their colours, gradients are finite, gradients
-// of culled splats are zero, and all other gradients agree with float64.
+// This file tests two properties of all models: the order of the splats does not matter, and with cov_mode =
+// whiten, no projected covariance is indefinite. judge.cpp checks other properties in every case: pixels are
+// within the range of the colours, gradients are finite, gradients of culled splats are zero, and all other
+// gradients agree with float64.
 #include <catch2/catch.hpp>
 #include <cmath>
 
@@ -20,8 +21,9 @@ Case permuted(const Case& c, const std::vector<std::size_t>& order) {
   return result;
 }
 
-// Turns a few splats into needles, and gives every second splat small query scales with weights below 1. If
-// the splats are reordered, different splats share a vector with a needle.
+// Changes a few splats to needles, and gives every second splat small query scales and conditioning weights
+// below 1. Kernels process several splats at once as a vector. If the splats are reordered, other splats
+// share a vector with a needle.
 void stiffen(Case& c) {
   const ParameterLayout& layout = c.model.layout();
   for (std::size_t i = 0; i < c.model.count; ++i) {
@@ -40,9 +42,9 @@ void stiffen(Case& c) {
   }
 }
 
-// All depths differ, so reordering the splats must give a bit-identical image, and gradients in the new
-// order.
-TEST_CASE_METHOD(Row, "order: in another order of the splats, image and gradients are bit-identical",
+// All depths differ, so reordering the splats must give a bit-identical image, and the same gradients in the
+// new order.
+TEST_CASE_METHOD(Row, "order: reordering the splats changes no bit of the image and the gradients",
                  "[property]") {
   Random random(11);
   for (const int dim : kRowDims)
@@ -64,8 +66,8 @@ TEST_CASE_METHOD(Row, "order: in another order of the splats, image and gradient
     }
 }
 
-// Returns a case with strongly coupled random splats. All splats are in the image. The test counts how many
-// become indefinite because of the conditioning.
+// Returns a case with random splats whose positions are strongly coupled to the query. All splats are in the
+// image. With cov_mode = upper, the projected covariances of some of them may be indefinite.
 Case coupled_case(int dim, CovMode mode, std::uint64_t seed) {
   Case c = row_case("coupled", dim, 200, {.cov_mode = mode});
   Random random(seed);
@@ -74,7 +76,8 @@ Case coupled_case(int dim, CovMode mode, std::uint64_t seed) {
     const double z = random.uniform(2, 4);
     plan.position = {0.3 * z * random.uniform(-1, 1), 0.3 * z * random.uniform(-1, 1), z};
     plan.coupling = std::exp(random.uniform(-1, 1.5));
-    // Scales are large compared with eps2d, because otherwise eps2d would hide an indefinite footprint.
+    // The scales are large compared with eps2d. Otherwise, adding eps2d could make an indefinite covariance
+    // definite.
     plan.scale = {2, 2, 2};
     put_splat(c, i, plan);
     const ParameterLayout l = c.model.layout();
@@ -84,7 +87,8 @@ Case coupled_case(int dim, CovMode mode, std::uint64_t seed) {
   return c;
 }
 
-TEST_CASE_METHOD(Row, "definiteness: strongly coupled models in both covariance modes", "[property]") {
+TEST_CASE_METHOD(Row, "definiteness: whitened covariances of strongly coupled models are definite",
+                 "[property]") {
   for (const int dim : {5, 6, 7})
     for (const CovMode mode : {CovMode::whiten, CovMode::upper}) {
       const Case c = coupled_case(dim, mode, static_cast<std::uint64_t>(dim));

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// This file tests many small random cases and compares each of them with float64. Only --seed, --first and
-// --cases determine which cases are compared. They are processed in batches: the device waits while the
-// oracle uses all cores, and vice versa, because a CPU device would have to share the cores anyway.
+// This file compares many small random cases with float64. The options --seed, --first and --cases determine
+// the cases. They are processed in batches: the oracle computes the expected results of a batch on all cores,
+// and then the device renders the batch. The two do not run at the same time, because a CPU device would use
+// the same cores.
 #include <algorithm>
 #include <catch2/catch.hpp>
 #include <cmath>
@@ -43,23 +44,25 @@ TEST_CASE_METHOD(Row, "random cases", "[random]") {
   if (cases >= 100) CHECK(count(Outcome::float64) > cases * 4 / 5);
 }
 
-// This test case is hidden, because it fails. It serves to test the output of a failure.
+// This test case is hidden, because it always fails. stress_cli_test.cpp uses it to test the output of a
+// failure.
 TEST_CASE_METHOD(Row, "random cases on a faulty device", "[.]") {
   DeviceRunner faulty(device(), runner().raster());
   faulty.disturb = [](const Case&, DeviceResult& result) { std::ranges::fill(result.image, NAN); };
   check_random_cases(*this, faulty);
 }
 
-TEST_CASE_METHOD(Row, "a random case is a function of seed and number", "[random]") {
+TEST_CASE_METHOD(Row, "a random case depends only on its seed and number", "[random]") {
   const Case a = random_case(4, 77), b = random_case(4, 77), other = random_case(4, 78);
   CHECK(same_bits(a.model.values, b.model.values));
   CHECK(a.camera.translation == b.camera.translation);
   CHECK_FALSE(same_bits(a.model.values, other.model.values));
 }
 
-// Otherwise the device and the oracle would render different cameras. A splat exactly at the centre of the
-// camera, for instance, would be beside it. `volatile` makes the compiler round.
-TEST_CASE_METHOD(Row, "random cases have cameras of single precision", "[random]") {
+// The device uses cameras in single precision. If the values of a camera could not be represented as float,
+// the oracle would render another camera. For example, a splat exactly at the centre of the camera would be
+// beside the centre for the device. In the test, `volatile` makes the compiler round.
+TEST_CASE_METHOD(Row, "random cases have cameras whose values can be represented as float", "[random]") {
   const auto rounded = [](double x) {
     const volatile float f = static_cast<float>(x);
     return static_cast<double>(f);
@@ -77,14 +80,14 @@ TEST_CASE_METHOD(Row, "random cases have cameras of single precision", "[random]
   }
 }
 
-TEST_CASE_METHOD(Row, "random cases do not depend on the compiler", "[random]") {
+TEST_CASE_METHOD(Row, "random cases are the same with every compiler", "[random]") {
   double sum = 0;
   for (std::uint64_t i = 0; i < 200; ++i)
     for (const float v : random_case(1, i).model.values) sum += std::isnan(v) ? 0 : std::tanh(v);
-  CHECK(sum == Approx(1041.43299744).epsilon(1e-7));  // with GCC 12 and clang 14
+  CHECK(sum == Approx(1041.43299744).epsilon(1e-7));  // the value with GCC 12 and clang 14
 }
 
-TEST_CASE_METHOD(Row, "random cases contain the promised extremes", "[random]") {
+TEST_CASE_METHOD(Row, "random cases contain invalid values, wide images and distant cameras", "[random]") {
   std::size_t drawn = 0, splats = 0, poisoned = 0, wide = 0, far = 0;
   for (std::uint64_t i = 0; i < 400; ++i) {
     const Case c = random_case(1, i);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// This file contains rows about single splats: the values of their parameters, and their positions. Each row
-// is a set of cases that are compared with float64.
+// This file contains the stress tests (row.hpp) of parameters and positions of single splats. Each test
+// compares several cases with float64.
 #include <catch2/catch.hpp>
 #include <cfloat>
 #include <cmath>
@@ -12,9 +12,10 @@
 namespace ubs::stress {
 namespace {
 
-// Splats are exactly at the depth of the camera or of the near plane: rotation and centre are exact, and
-// without coupling the conditional mean equals the mean.
-TEST_CASE_METHOD(Row, "near plane: means at 0, +-1e-8, the near plane and one ulp beside it", "[splat]") {
+// The depths of the splats are exact in single precision, because the camera is at the origin and is not
+// rotated, and because without coupling the conditional mean equals the mean.
+TEST_CASE_METHOD(Row, "near plane: splats at depth 0, +-1e-8, the near plane, and one ulp beside it",
+                 "[splat]") {
   const float near = 0.01f;
   for (const int dim : kRowDims)
     for (const double z :
@@ -31,7 +32,7 @@ TEST_CASE_METHOD(Row, "near plane: means at 0, +-1e-8, the near plane and one ul
     }
 }
 
-TEST_CASE_METHOD(Row, "beside the frustum: x/z to 1e4, elongated", "[splat]") {
+TEST_CASE_METHOD(Row, "beside the frustum: elongated splats with x/z or y/z of up to 1e4", "[splat]") {
   for (const int dim : kRowDims)
     for (const double slope : {0.64, 0.66, 1.0, 10.0, 100.0, 1e3, 1e4})
       for (const bool vertical : {false, true}) {
@@ -45,7 +46,7 @@ TEST_CASE_METHOD(Row, "beside the frustum: x/z to 1e4, elongated", "[splat]") {
       }
 }
 
-TEST_CASE_METHOD(Row, "principal point: up to 3000 px outside a 32 px image", "[splat]") {
+TEST_CASE_METHOD(Row, "principal point: up to 3000 pixels outside an image of 32x24 pixels", "[splat]") {
   for (const int dim : kRowDims)
     for (const auto& [x, y] : {std::pair{-100.0, 12.0}, {200.0, -50.0}, {0.0, 0.0}, {3000.0, 3000.0}}) {
       Case c = row_case("principal", dim, 4);
@@ -60,9 +61,9 @@ TEST_CASE_METHOD(Row, "principal point: up to 3000 px outside a 32 px image", "[
     }
 }
 
-// Because of eps2d, a thin axis is only visible in large footprints. So the splats are also rendered with 32
-// times the focal length.
-TEST_CASE_METHOD(Row, "needles: scale ratios 1e1 to 1e7", "[splat]") {
+// eps2d makes splats at least about half a pixel thick in the image, so thin axes only matter if splats are
+// large in the image. Therefore, the splats are also rendered with 32 times the focal length.
+TEST_CASE_METHOD(Row, "needles: splats whose scales have ratios of 1e1 to 1e7", "[splat]") {
   for (const int dim : kRowDims)
     for (const double zoom : {1.0, 32.0})
       for (const double ratio : {1e1, 1e2, 1e3, 1e4, 1e5, 1e6, 1e7}) {
@@ -80,9 +81,10 @@ TEST_CASE_METHOD(Row, "needles: scale ratios 1e1 to 1e7", "[splat]") {
       }
 }
 
-// A splat with a raw scale of -inf is not rendered. The smallest finite scales give dots with a radius of
-// half a pixel, which comes from eps2d.
-TEST_CASE_METHOD(Row, "zero scales: one, two, three or the query scales 0 (raw -inf, -200)", "[splat]") {
+// A splat with a raw scale of -inf is not rendered. A splat with a raw scale of -200 is rendered with a
+// radius of half a pixel, because of eps2d.
+TEST_CASE_METHOD(Row, "zero scales: one to three spatial scales or the query scales are 0 (raw -inf or -200)",
+                 "[splat]") {
   for (const int dim : kRowDims)
     for (const int zeros : {1, 2, 3, 4}) {
       Case c = row_case("zero_scale", dim, 2);
@@ -99,10 +101,10 @@ TEST_CASE_METHOD(Row, "zero scales: one, two, three or the query scales 0 (raw -
     }
 }
 
-TEST_CASE_METHOD(Row, "zero rows: all parameters 0; the quaternion 0", "[splat]") {
+TEST_CASE_METHOD(Row, "zero rows: all parameters of a splat are 0, or its quaternion is 0", "[splat]") {
   for (const int dim : kRowDims) {
     Case c = row_case("zero_row", dim, 3);
-    c.camera.translation = {0, 0, 2};  // positions of 0 are then in front of the camera
+    c.camera.translation = {0, 0, 2};  // so that the splat at the origin is in front of the camera
     for (int row = 0; row < c.model.layout().count; ++row) c.model.row(row)[0] = 0;
     check_case(c);
   }
@@ -111,8 +113,9 @@ TEST_CASE_METHOD(Row, "zero rows: all parameters 0; the quaternion 0", "[splat]"
   check_case(c);
 }
 
-// Opacities in many layers round to 1. Alpha is limited to 0.999, and pixels stop at the second layer.
-TEST_CASE_METHOD(Row, "opaque layers: 60 layers of opacity up to exactly 1", "[splat]") {
+// For large raw values, the opacity rounds to 1. Alpha is limited to 0.999, so blending stops at the second
+// layer.
+TEST_CASE_METHOD(Row, "opaque layers: 60 splats behind each other, with opacities of up to 1", "[splat]") {
   for (const int dim : kRowDims)
     for (const double raw : {3.0, 6.90675478, 8.0, 17.0, 100.0, kInfinity}) {
       Case c = row_case("opaque", dim, 60);
@@ -145,9 +148,10 @@ TEST_CASE_METHOD(Row, "faint: opacities from 1/255 to 0", "[splat]") {
   }
 }
 
-// One value of one splat is replaced by a special value. The other splats must be rendered as if it had no
-// effect.
-TEST_CASE_METHOD(Row, "poison: every parameter of a splat NaN, +-inf, +-FLT_MAX, denormal, -0", "[splat]") {
+// One parameter of one of three splats is replaced by a special value. Image and gradients must agree with
+// the oracle.
+TEST_CASE_METHOD(Row, "poison: a parameter of a splat is NaN, +-inf, +-FLT_MAX, FLT_MIN, denormal or -0",
+                 "[splat]") {
   constexpr double kValues[] = {kInfinity, -kInfinity, NAN, FLT_MAX, -FLT_MAX, FLT_MIN, 1e-45, -0.0};
   for (const int dim : {3, 6, 7})
     for (int row = 0; row < ParameterLayout(dim).count; ++row)
@@ -175,16 +179,17 @@ void check_betas(Row& row, double first, double last) {
       }
 }
 
-TEST_CASE_METHOD(Row, "low betas: raw betas -12 to -1, spatial and query", "[splat]") {
+TEST_CASE_METHOD(Row, "low betas: raw spatial or query betas from -12 to -1", "[splat]") {
   check_betas(*this, -12, -1);
 }
 
-TEST_CASE_METHOD(Row, "high betas: raw betas 0 to 12, spatial and query", "[splat]") {
+TEST_CASE_METHOD(Row, "high betas: raw spatial or query betas from 0 to 12", "[splat]") {
   check_betas(*this, 0, 12);
 }
 
-// The condition number of Sigma_q is about the square of coupling / scale: 1 to 1e12.
-TEST_CASE_METHOD(Row, "query condition: condition number of Sigma_q to 1e12", "[splat]") {
+// The condition number of the query covariance Sigma_q is about the square of coupling / scale, which is 1 to
+// 1e12 here.
+TEST_CASE_METHOD(Row, "query condition: query covariances with condition numbers of up to 1e12", "[splat]") {
   for (const int dim : {4, 5, 6, 7})
     for (const double ratio : {1e0, 1e1, 1e2, 1e3, 1e4, 1e5, 1e6})
       for (const double raw : {0.0, -1.0, -3.0}) {
@@ -200,10 +205,11 @@ TEST_CASE_METHOD(Row, "query condition: condition number of Sigma_q to 1e12", "[
       }
 }
 
-TEST_CASE_METHOD(Row, "queries: query = +-mean, camera in the splat, times 0, 1, outside", "[splat]") {
+TEST_CASE_METHOD(Row, "queries: equal or opposite to the mean, at times 0, 1 and outside, and inside a splat",
+                 "[splat]") {
   for (const int dim : {4, 6, 7})
     for (const double time : {0.0, 1.0, -1.0, 2.0})
-      for (const double offset : {0.0, -1.0}) {  // exactly at the query, or opposite to the direction
+      for (const double offset : {0.0, -1.0}) {  // 0: the mean equals the query; -1: the mean is its negative
         Case c = row_case("query", dim, 2);
         c.camera.time = time;
         SplatPlan plan;
@@ -224,7 +230,7 @@ TEST_CASE_METHOD(Row, "queries: query = +-mean, camera in the splat, times 0, 1,
     }
 }
 
-TEST_CASE_METHOD(Row, "saturated query: queries 2 to 1e30 from the mean", "[splat]") {
+TEST_CASE_METHOD(Row, "saturated query: queries at distances of 2 to 1e30 from the mean", "[splat]") {
   for (const int dim : {4, 5, 6, 7})
     for (const double offset : {2.0, 2.88, 2.884, 2.89, 5.0, 100.0, 1e4, 1e10, 1e30})
       for (const double raw : {-5.0, 0.0}) {
@@ -236,10 +242,11 @@ TEST_CASE_METHOD(Row, "saturated query: queries 2 to 1e30 from the mean", "[spla
       }
 }
 
-// Diagonal entries of the factor of the precision range from 0 to values at which a splat is visible from
-// only a thousandth of all directions. Queries are near to and far from the mean, and weights are zero and
-// full.
-TEST_CASE_METHOD(Row, "direct conditioning: diagonals of L 0 to 1e3", "[splat]") {
+// With conditioning = direct, the query scales are the diagonal entries of the factor L of the precision
+// matrix. With 1e3, a splat is visible only if the query differs from the mean by less than a few
+// thousandths. The queries are near to and far from the mean, and the conditioning weights range from nearly
+// 0 to 1.
+TEST_CASE_METHOD(Row, "direct conditioning: diagonal entries of the factor L from 0 to 1e3", "[splat]") {
   for (const int dim : {4, 6, 7})
     for (const double precision : {0.0, 1e-6, 1e-2, 1.0, 10.0, 29.0, 31.0, 1e2, 1e3})
       for (const double offset : {0.0, 0.5, 3.0})
@@ -257,8 +264,10 @@ TEST_CASE_METHOD(Row, "direct conditioning: diagonals of L 0 to 1e3", "[splat]")
         }
 }
 
-// Both sides meet the thresholds exactly: with eps2d 0, 24 / 96 * 8 gives a radius of exactly 2 pixels.
-TEST_CASE_METHOD(Row, "rim and tiles: r = 1 at a pixel centre, means on tile edges", "[splat]") {
+// The radius is 24 / 96 * 8 = 2 pixels, because eps2d is 0. It is exact both in the oracle and in single
+// precision, so that both make the same decision at pixels that are exactly on the rim (r = 1).
+TEST_CASE_METHOD(Row, "rim and tiles: pixel centres exactly on the rim, and splats on the edges of tiles",
+                 "[splat]") {
   for (const double shift : {0.5, 0.0, 16.0, 8.0}) {
     Case c = row_case("rim", 3, 1);
     c.exact = true;

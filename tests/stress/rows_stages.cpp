@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// This file contains rows about stages outside the renderer that process an image or parameters: the loss,
-// Adam, relocation and growth, noise.
+// This file contains the stress tests (row.hpp) of the stages that are not part of the renderer: the loss,
+// Adam, relocation and growth, and noise.
 #include <algorithm>
 #include <catch2/catch.hpp>
 #include <cfloat>
@@ -72,7 +72,8 @@ void compare_loss(Row& row, int width, int height, const std::vector<float>& ima
   row.check_error(distance(actual.gradient, g), "gradient of the loss");
 }
 
-TEST_CASE_METHOD(Row, "loss: 1x1 to 33x17, constant, black, equal, far outside 0 to 1", "[stage]") {
+TEST_CASE_METHOD(Row, "loss: images of 1x1 to 40x1 pixels, constant, equal, or with values outside 0 to 1",
+                 "[stage]") {
   constexpr int kSizes[][2] = {{1, 1}, {3, 3}, {10, 10}, {11, 11}, {12, 7}, {40, 1}, {1, 40}, {33, 17}};
   for (const auto& s : kSizes) {
     const int w = s[0], h = s[1];
@@ -119,9 +120,10 @@ std::vector<AdamResult> device_adam(DeviceRunner& runner, const std::vector<floa
   return result;
 }
 
-// Gradients below 1e-15 (epsilon) and above 1.8e19 (whose square is infinite) must give steps that vanish.
-// All other gradients must give the steps of double precision.
-TEST_CASE_METHOD(Row, "Adam: gradients 1e-45 to 1e38, steps 1 to 1e10, epsilon 1e-15", "[stage]") {
+// For gradients of up to 1e19, steps must agree with double precision. They are nearly 0 for gradients that
+// are much smaller than epsilon = 1e-15. For gradients above 1.8e19, whose squares are infinite, the
+// parameters must remain finite.
+TEST_CASE_METHOD(Row, "Adam: gradients from 1e-45 to 3e38, and step numbers from 1 to 1e10", "[stage]") {
   std::vector<float> gradients{0.0f, -0.0f, 1e-45f, -1e-42f, 1e19f};
   for (int e = -37; e <= 18; ++e)
     gradients.push_back(std::pow(10.0f, static_cast<float>(e)) * (e % 2 ? 1.0f : -1.0f));
@@ -144,8 +146,8 @@ TEST_CASE_METHOD(Row, "Adam: gradients 1e-45 to 1e38, steps 1 to 1e10, epsilon 1
       CHECK(std::isfinite(actual[i].param));
       CHECK(std::isfinite(actual[i].moment1));
       CHECK(std::isfinite(actual[i].moment2));
-      // Steps far below the learning rate are dominated by epsilon, and flushed denormals may make them
-      // exactly zero.
+      // The error of very small steps is not compared with their size, but with 1e-7, because they may be
+      // exactly 0 if denormal numbers are flushed to 0.
       check_error(error / std::max(std::abs(expected), 1e-7), "step");
     }
   }
@@ -195,7 +197,8 @@ void check_relocation(Row& row, const std::string& what, const std::vector<float
   }
 }
 
-TEST_CASE_METHOD(Row, "relocation: all dead, all alive, opaque, NaN, 999 copies of one", "[stage]") {
+TEST_CASE_METHOD(Row, "relocation: all splats dead, alive or opaque, opacities of NaN, 999 copies of a splat",
+                 "[stage]") {
   const float inf = std::numeric_limits<float>::infinity(), dead = -9;
   check_relocation(*this, "all dead", std::vector<float>(50, dead), 0);
   check_relocation(*this, "all alive", std::vector<float>(50, 1.0f), 0);
@@ -206,8 +209,8 @@ TEST_CASE_METHOD(Row, "relocation: all dead, all alive, opaque, NaN, 999 copies 
   check_relocation(*this, "NaN is dead", {1.0f, NAN, 2.0f, -inf}, 2);
   check_relocation(*this, "only NaN", {NAN, NAN}, 0);
 
-  // The opacity o' of a source and its n copies satisfies (1 - o')^(n + 1) = 1 - o, down to the minimum of
-  // 0.005.
+  // If a splat with the opacity o gets n copies, the new opacity o' of all of them satisfies (1 - o')^(n + 1)
+  // = 1 - o, but is at least 0.005.
   for (const std::uint32_t copies : {1u, 5u, 200u}) {
     std::vector<float> opacities(copies + 1, dead);
     opacities[0] = 4;
@@ -221,7 +224,7 @@ TEST_CASE_METHOD(Row, "relocation: all dead, all alive, opaque, NaN, 999 copies 
   }
 }
 
-TEST_CASE_METHOD(Row, "growth: from one splat, from opaque splats, with NaN among them", "[stage]") {
+TEST_CASE_METHOD(Row, "growth: from one splat, from opaque splats, and with opacities of NaN", "[stage]") {
   const float inf = std::numeric_limits<float>::infinity();
   for (const auto& [what, opacities] : {std::pair<std::string, std::vector<float>>{"one", {3.0f}},
                                         {"opaque", {inf, 100.0f}},
@@ -243,9 +246,9 @@ TEST_CASE_METHOD(Row, "growth: from one splat, from opaque splats, with NaN amon
 
 // ---- Noise ----
 
-// The displacement satisfies |d| <= amount |Sigma_x| |normals|. Box-Muller with 32-bit words gives normals
-// below 6.7.
-TEST_CASE_METHOD(Row, "noise: covariances from 1e-14 to 1e60, ratios to 1e14", "[stage]") {
+// The displacement d satisfies |d| <= amount |Sigma_x| |n|, where n is a vector of three normal random
+// numbers. These are below 6.7, because they are made from 32-bit words with the method of Box and Muller.
+TEST_CASE_METHOD(Row, "noise: covariances from 1e-14 to 1e60 with ratios of up to 1e14", "[stage]") {
   for (const double scale : {1e-7, 1e-3, 1.0, 1e4, 1e18, 1e30})
     for (const double thin : {1.0, 1e-7}) {
       Case c = row_case("noise", 3, 64);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// This file contains rows about training: few or equal views, models with special values, long runs, and
-// repeated runs, which must be bit-identical.
+// This file contains the stress tests (row.hpp) of training: few or equal views, initial models with special
+// values, long runs, and repeated runs, which must be bit-identical.
 #include <algorithm>
 #include <catch2/catch.hpp>
 #include <cmath>
@@ -14,7 +14,8 @@
 namespace ubs::stress {
 namespace {
 
-// Returns `count` views around the scene (or `count` equal views), with rendered images of a fixed model.
+// Returns `count` views of a fixed model with rendered images. If `equal` is true, all views have the same
+// camera pose and differ only in their times.
 Split make_views(DeviceRunner& runner, int count, bool equal) {
   const Case truth = ordinary_case("truth", 3, 30, 5);
   Split split{"train", {}};
@@ -76,7 +77,7 @@ bool finite(const SplatModel& model) {
   return std::ranges::all_of(model.values, [](float v) { return std::isfinite(v); });
 }
 
-TEST_CASE_METHOD(Row, "few views: one, three, three equal ones", "[training]") {
+TEST_CASE_METHOD(Row, "few views: one view, three views, or three views with the same pose", "[training]") {
   for (const int dim : {3, 6, 7})
     for (const auto& [count, equal] : {std::pair{1, false}, {3, false}, {3, true}}) {
       INFO("N = " << dim << ", " << count << " views" << (equal ? " (equal)" : ""));
@@ -87,9 +88,10 @@ TEST_CASE_METHOD(Row, "few views: one, three, three equal ones", "[training]") {
     }
 }
 
-// Either the model is finite at the end and is written, or the guard stops training. In the second case, the
-// message must name the splat, the stage and, unless the value was there from the start, the view.
-TEST_CASE_METHOD(Row, "poisoned training: models with NaN, infinities, FLT_MAX", "[training]") {
+// Either training ends with a finite model, which can be written to a file, or it stops with an error. The
+// message must contain the index of the splat and the stage and, if the value occurred after a step, the
+// view.
+TEST_CASE_METHOD(Row, "poisoned training: initial models with NaN, infinities or 3.4e38", "[training]") {
   const TemporaryFolder folder;
   const Split views = make_views(runner(), 2, false);
   constexpr std::size_t kPoisoned = 3;
@@ -116,7 +118,7 @@ TEST_CASE_METHOD(Row, "poisoned training: models with NaN, infinities, FLT_MAX",
 }
 
 // Training must end with a finite model for all of these initial scales and betas.
-TEST_CASE_METHOD(Row, "stiff training: scales 1e-7 and 1e3, betas -12 and 12", "[training]") {
+TEST_CASE_METHOD(Row, "stiff training: initial scales of 1e-7 and 1e3, betas of -12 and 12", "[training]") {
   const Split views = make_views(runner(), 2, false);
   for (const int dim : {3, 7})
     for (const double scale : {1e-7, 1e3})
@@ -134,7 +136,7 @@ TEST_CASE_METHOD(Row, "stiff training: scales 1e-7 and 1e3, betas -12 and 12", "
       }
 }
 
-TEST_CASE_METHOD(Row, "soak: 3000 iterations on a tiny scene, with relocation, growth and noise",
+TEST_CASE_METHOD(Row, "long training: 3000 iterations on a tiny scene, with relocation, growth and noise",
                  "[training]") {
   const Training t = train(device(), settings_for(runner(), 6, 3000), make_views(runner(), 3, false),
                            ordinary_case("start", 6, 60).model);
@@ -143,7 +145,7 @@ TEST_CASE_METHOD(Row, "soak: 3000 iterations on a tiny scene, with relocation, g
   CHECK(t.last_loss < t.first_loss);
 }
 
-TEST_CASE_METHOD(Row, "repeated training: two runs of one seed are bit-identical", "[training]") {
+TEST_CASE_METHOD(Row, "repeated training: two runs with the same seed are bit-identical", "[training]") {
   const Split views = make_views(runner(), 3, false);
   for (const int dim : {3, 7}) {
     INFO("N = " << dim);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// This file contains rows about views and large numbers of splats: image sizes, numbers of splats, order in
-// depth, far coordinates.
+// This file contains the stress tests (row.hpp) of image sizes, numbers of splats, equal depths, and
+// coordinates far from the origin.
 #include <algorithm>
 #include <catch2/catch.hpp>
 #include <cmath>
@@ -14,7 +14,7 @@
 namespace ubs::stress {
 namespace {
 
-TEST_CASE_METHOD(Row, "one covers all: one splat over 3840x2160", "[view]") {
+TEST_CASE_METHOD(Row, "one covers all: one splat covers an image of 3840x2160 pixels", "[view]") {
   Case c = row_case("covers", 3, 1);
   c.camera.width = 3840, c.camera.height = 2160, c.camera.cx = 1920, c.camera.cy = 1080;
   c.camera.fx = c.camera.fy = 3840;
@@ -27,13 +27,13 @@ TEST_CASE_METHOD(Row, "one covers all: one splat over 3840x2160", "[view]") {
   check_case(c);
 }
 
-// There are more intersections than gradient slots that fit on the device. The device must refuse with a
-// message that contains the number, before anything is allocated.
+// There are more intersections than gradient slots that fit on the device. This must give an error that
+// contains the number of intersections.
 TEST_CASE_METHOD(Row, "too many: more intersections than the device has memory for", "[view]") {
   const std::uint64_t tiles = 240 * 135;
   const DeviceInfo& info = device().info();
-  const unsigned floats =
-      stage_sizes::slot_floats(RasterKind::gpu);  // the smaller kind of slots, of which more fit
+  // The slots of the GPU rasteriser are smaller than those of the CPU rasteriser, so more of them fit.
+  const unsigned floats = stage_sizes::slot_floats(RasterKind::gpu);
   const std::uint64_t most =
       std::min(SlotStore::most(info, floats), info.memory_bytes / (floats * sizeof(float)));
   const std::uint64_t splats = std::min<std::uint64_t>(most, std::uint64_t{1} << 32) / tiles + 2;
@@ -51,7 +51,7 @@ TEST_CASE_METHOD(Row, "too many: more intersections than the device has memory f
   }
 }
 
-TEST_CASE_METHOD(Row, "image sizes: 1x1 to 8191x1 and 7680x40", "[view]") {
+TEST_CASE_METHOD(Row, "image sizes: from 1x1 to 8191x1 and 7680x40 pixels", "[view]") {
   constexpr int kSizes[][2] = {{1, 1},   {17, 3},   {3, 65},   {16, 16},
                                {15, 17}, {8191, 1}, {1, 4097}, {7680, 40}};
   for (const int dim : {3, 6})
@@ -69,8 +69,8 @@ TEST_CASE_METHOD(Row, "image sizes: 1x1 to 8191x1 and 7680x40", "[view]") {
     }
 }
 
-// The image has 130 000 tiles, and the test renders all of them. There is one splat near each corner.
-TEST_CASE_METHOD(Row, "large image: 7680x4320", "[view]") {
+// The image has about 130 000 tiles, and the test renders all of them. There is one splat near each corner.
+TEST_CASE_METHOD(Row, "large image: 7680x4320 pixels", "[view]") {
   Case c = row_case("8k", 6, 4);
   c.camera.width = 7680, c.camera.height = 4320, c.camera.cx = 3840, c.camera.cy = 2160;
   c.camera.fx = c.camera.fy = 7680;
@@ -91,7 +91,7 @@ TEST_CASE_METHOD(Row, "large image: 7680x4320", "[view]") {
     wrong +=
         !finite || (result.alpha[i] == 0 && std::abs(result.image[i] - c.settings.background[0]) > 1e-6f);
   }
-  CHECK(wrong == 0);  // wrong: not finite, or different from the background where no splat was rendered
+  CHECK(wrong == 0);  // counts pixels that are not finite, or differ from the background without a splat
   CHECK(touched > 40);
   CHECK(touched < 4000);
   // Compare each corner alone with float64.
@@ -105,7 +105,7 @@ TEST_CASE_METHOD(Row, "large image: 7680x4320", "[view]") {
   }
 }
 
-TEST_CASE_METHOD(Row, "few splats: none at all, none in view, one", "[view]") {
+TEST_CASE_METHOD(Row, "few splats: no splats, no visible splats, and one splat", "[view]") {
   for (const int dim : kRowDims) {
     check_case(row_case("none", dim, 0));
     check_case(row_case("one", dim, 1));
@@ -115,7 +115,7 @@ TEST_CASE_METHOD(Row, "few splats: none at all, none in view, one", "[view]") {
   }
 }
 
-TEST_CASE_METHOD(Row, "crowded tile: 20 000 splats in a tile", "[view]") {
+TEST_CASE_METHOD(Row, "crowded tile: 20 000 splats in one tile", "[view]") {
   for (const int dim : {3, 6}) {
     Case c = row_case("crowded", dim, 20000);
     c.camera.width = c.camera.height = 20, c.camera.cx = c.camera.cy = 8;
@@ -133,7 +133,7 @@ TEST_CASE_METHOD(Row, "crowded tile: 20 000 splats in a tile", "[view]") {
   }
 }
 
-TEST_CASE_METHOD(Row, "equal depths: 40 splats, ordered by index", "[view]") {
+TEST_CASE_METHOD(Row, "equal depths: 40 splats are ordered by their index", "[view]") {
   for (const int dim : kRowDims) {
     Case c = row_case("equal_depths", dim, 40);
     for (std::size_t i = 0; i < 40; ++i) {
@@ -146,7 +146,7 @@ TEST_CASE_METHOD(Row, "equal depths: 40 splats, ordered by index", "[view]") {
   }
 }
 
-TEST_CASE_METHOD(Row, "far coordinates: 1e5 to 1e7 from the origin", "[view]") {
+TEST_CASE_METHOD(Row, "far coordinates: camera and splats at 1e5 to 1e7 from the origin", "[view]") {
   for (const int dim : kRowDims)
     for (const double far : {1e5, 1e6, 1e7}) {
       Case c = row_case("far", dim, 8);

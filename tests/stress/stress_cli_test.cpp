@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// This file tests `ubs-lab stress` as a command, as users run it.
+// This file tests the command `ubs-lab stress`: its output, exit codes and options.
 #include <catch2/catch.hpp>
 
 #include "host/base/error.hpp"
@@ -16,7 +16,7 @@ Result run_stress(const TempFolder& folder, const std::string& arguments) {
   return test::run_ubs(folder, "stress " + arguments);
 }
 
-TEST_CASE("stress: one row and some random cases, with their outcomes", "[cli][stress]") {
+TEST_CASE("stress: the report contains the names of the tests and the outcomes of cases", "[cli][stress]") {
   const TempFolder folder;
   const Result result =
       run_stress(folder, "--device opencl --seed 5 --cases 20 'near plane*,random cases' -r junit -o r.xml");
@@ -35,7 +35,7 @@ TEST_CASE("stress: a failing random case gives exit code 9 and the command to re
                              Contains("ubs-lab stress 'random cases' --seed 7 --first 31 --cases 1"));
 }
 
-TEST_CASE("stress: test cases are listed, and wrong options are refused", "[cli][stress]") {
+TEST_CASE("stress: test cases are listed, and wrong options are rejected", "[cli][stress]") {
   const TempFolder folder;
   const Result list = run_stress(folder, "--list-tests '[stage]'");
   CHECK(list.code == 0);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// changed_kernels() creates a copy of the kernel sources, in which one text of one file is replaced, for
-// UBS_KERNEL_DIR.
+// changed_kernels() copies the kernel sources to another folder and replaces one text in one file. Tests set
+// UBS_KERNEL_DIR to the copy, so that ubs compiles it.
 #pragma once
 
 #include <filesystem>

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// This file contains measures of the error of a single-precision result relative to its double-precision
-// reference. If any value is not finite, the error is infinite, so that no comparison can miss it.
+// This file contains functions that measure the error of single-precision results compared with a reference
+// in double precision. If any value is not finite, the error is infinite, so that every bound is exceeded.
 #pragma once
 
 #include <cmath>
@@ -9,6 +9,7 @@
 
 namespace ubs::test {
 
+// Returns the largest absolute difference.
 inline double max_abs_error(std::span<const float> result, std::span<const double> reference) {
   if (result.size() != reference.size()) return std::numeric_limits<double>::infinity();
   double worst = 0;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// cuda_devices() returns the CUDA devices under test. Tuned sets the tuned constants of a device for the
-// duration of a test.
+// cuda_devices() returns the CUDA devices under test. An object of the class Tuned sets the tuned constants
+// of a device, and resets them to their defaults when it is destroyed.
 #pragma once
 
 #include <memory>

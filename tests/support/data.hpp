@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// test_data() finds real data for tests, in the folder UBS_TEST_DATA or beside that folder. The default is
-// ../shared/data next to the checkout. These data are not part of the project. If they are missing, a test
-// prints a warning and skips the part that needs them. Tests that train on them for more than a few seconds
-// run only with UBS_TEST_ALL (whole_sweep.hpp).
+// test_data() finds data sets and files of other tools for tests. They are not part of the project. The
+// environment variable UBS_TEST_DATA is the path of a folder; the data are in it or in its parent folder. If
+// it is not set, the folder is shared/data next to the folder of the project. If the data are missing, a test
+// prints a warning and skips the part that needs them. Tests that train on these data for more than a few
+// seconds only run with UBS_TEST_ALL (whole_sweep.hpp).
 #pragma once
 
 #include <cstdlib>
@@ -12,6 +13,7 @@
 
 namespace ubs::test {
 
+// Returns the path of the data with this name, or nothing if they do not exist.
 inline std::optional<std::filesystem::path> test_data(const std::string& name) {
   const char* variable = std::getenv("UBS_TEST_DATA");
   const std::filesystem::path root =
@@ -23,7 +25,8 @@ inline std::optional<std::filesystem::path> test_data(const std::string& name) {
 
 }  // namespace ubs::test
 
-// In a test, defines `variable` as the folder of the data set, or leaves the test with a warning.
+// For use in a test. Defines `variable` as the path of the data with this name. If they do not exist, prints
+// a warning and returns from the test.
 #define UBS_REQUIRE_DATA(variable, name)                                                           \
   const auto variable##_found = ubs::test::test_data(name);                                        \
   if (!variable##_found) {                                                                         \

@@ -27,9 +27,8 @@ bool exists(const std::string& device) {
 }  // namespace
 
 int use_device(const std::string& request, bool optional, bool cuda_on_host) {
-  keep_driver_caches(
-      // Keep the caches of drivers next to the executable.
-      [](const char* name, const char* value) { setenv(name, value, 1); });
+  // Makes drivers store their caches in the folder of ubs's own caches.
+  keep_driver_caches([](const char* name, const char* value) { setenv(name, value, 1); });
   if (cuda_on_host) register_cuda_on_host();
   selected = cuda_on_host ? "CUDA on the host" : request;
   if (!optional || exists(selected)) return 0;

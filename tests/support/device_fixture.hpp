@@ -15,12 +15,13 @@ namespace ubs::test {
 std::vector<std::shared_ptr<Device>> devices_under_test();
 // Returns those devices that run OpenCL kernels, which have tuned constants and sub-groups.
 std::vector<std::shared_ptr<Device>> opencl_devices_under_test();
-// These functions return the rasterisers of a device and their names. CUDA devices have only one rasteriser.
+// Return the rasterisers of a device and their names in settings: "cpu" and "gpu", or only "gpu" for CUDA
+// devices.
 std::vector<RasterKind> rasters_of(const Device& device);
 std::vector<std::string> raster_names_of(const Device& device);
-// Returns whether the device is the CUDA back end on the host. It compiles the programs of variants while the
-// tests run, so tests should use only a few of them. With UBS_TEST_ALL in the environment, the result is
-// false, and all variants are tested as on other devices.
+// Returns whether the device is the CUDA back end on the host. This device compiles the programs of variants
+// while the tests run, which takes long, so tests should use only a few variants. If UBS_TEST_ALL is set in
+// the environment, this function returns false, so that all variants are tested as on other devices.
 bool on_host(const Device& device);
 // Selects the devices under test from the options of tests/main.cpp. An empty `request` selects all. Returns
 // an exit code: 0, or 77 if an optional device does not exist.

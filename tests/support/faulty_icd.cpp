@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// This file is an OpenCL driver with one platform and two devices, whose queries all fail. With
-// UBS_FAULTY_ICD=platform it does not even list its devices.
+// An OpenCL driver for tests, with one platform and two devices. All queries of properties of the devices
+// fail. If the environment variable UBS_FAULTY_ICD is "platform", listing the devices also fails.
 #define CL_TARGET_OPENCL_VERSION 120
 #include <CL/cl.h>
 #include <CL/cl_icd.h>

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// check_html() checks HTML pages in tests: every element must be closed in order, every attribute quoted, and
-// every & must be an entity. It also returns the elements of the page. It is stricter than browsers, which
-// silently repair errors.
+// check_html() checks HTML pages in tests: elements must be closed in the right order, values of attributes
+// must be quoted, and every & must begin an entity. It also returns the elements of the page. It is stricter
+// than browsers, which repair errors without a message.
 #pragma once
 
 #include <fmt/format.h>
@@ -27,7 +27,7 @@ struct HtmlElement {
 };
 
 struct HtmlCheck {
-  std::string error;  // "" for a well-formed page
+  std::string error;  // empty for a well-formed page
   std::vector<HtmlElement> elements;
 
   std::vector<HtmlElement> all(const std::string& name) const {
@@ -55,7 +55,7 @@ class HtmlReader {
       else
         read_text();
     }
-    if (check_.error.empty() && !open_.empty()) fail("not closed: " + open_.back());
+    if (check_.error.empty() && !open_.empty()) fail("the element is not closed: " + open_.back());
     return std::move(check_);
   }
 
@@ -79,9 +79,11 @@ class HtmlReader {
     for (std::size_t i = text.find('&'); i != std::string::npos; i = text.find('&', i + 1)) {
       const std::size_t end = text.find(';', i);
       static const std::set<std::string> known{"amp", "lt", "gt", "quot", "#39"};
-      if (end == std::string::npos || !known.contains(text.substr(i + 1, end - i - 1))) fail("a bare &");
+      if (end == std::string::npos || !known.contains(text.substr(i + 1, end - i - 1)))
+        fail("the text contains a & that does not begin an entity");
     }
-    if (text.find('>') != std::string::npos || text.find('<') != std::string::npos) fail("a bare < or >");
+    if (text.find('>') != std::string::npos || text.find('<') != std::string::npos)
+      fail("the text contains < or >");
   }
   void read_text() {
     const std::size_t end = std::min(page_.find('<', at_), page_.size());
@@ -94,7 +96,7 @@ class HtmlReader {
       const std::string name = word();
       if (open_.empty() || open_.back() != name) return fail("</" + name + "> is misplaced");
       open_.pop_back();
-      if (!take(">")) fail("> is missing");
+      if (!take(">")) fail("the end tag has no >");
       return;
     }
     ++at_;
@@ -102,7 +104,7 @@ class HtmlReader {
     while (take(" ")) {
       if (take("/>")) return finish(std::move(element), true);
       const std::string key = word();
-      if (!take("=\"")) return fail("attribute without value");
+      if (!take("=\"")) return fail("the attribute has no quoted value");
       const std::size_t end = page_.find('"', at_);
       if (end == std::string::npos) return fail("a quote is not closed");
       const std::string value = page_.substr(at_, end - at_);
@@ -110,7 +112,7 @@ class HtmlReader {
       if (!element.attributes.emplace(key, value).second) return fail("an attribute appears twice");
       at_ = end + 1;
     }
-    if (!take(">")) return fail("> is missing");
+    if (!take(">")) return fail("the start tag has no >");
     finish(std::move(element), false);
   }
   void finish(HtmlElement element, bool closed) {
@@ -133,8 +135,8 @@ class HtmlReader {
 
 inline HtmlCheck check_html(const std::string& page) { return HtmlReader(page).read(); }
 
-// Returns the bytes of a data URI that has one of `types` ("image/png"). For any other text, the result is
-// empty.
+// Returns the bytes of a data URI whose media type (for example "image/png") is in `types`. For any other
+// text, the result is empty.
 inline std::vector<std::uint8_t> data_uri_bytes(const std::string& uri, const std::set<std::string>& types) {
   const std::size_t comma = uri.find(";base64,");
   if (!uri.starts_with("data:") || comma == std::string::npos || !types.contains(uri.substr(5, comma - 5)))

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// This file creates small images for loader tests. They are smooth enough to survive resampling, and
-// different everywhere.
+// Functions that create and compare small images for tests of loaders. The images are so smooth that
+// resampling hardly changes them, and no two regions are equal.
 #pragma once
 
 #include <cmath>
@@ -13,6 +13,8 @@
 
 namespace ubs::test {
 
+// Returns an image whose channels are waves in different directions. `shift` moves the pattern of the first
+// channel by this number of pixels.
 inline Image8 gradient_image(int width, int height, int shift = 0) {
   Image8 image{width, height, {}};
   for (int y = 0; y < height; ++y)
@@ -28,7 +30,8 @@ inline void put_image(const std::filesystem::path& path, int width, int height, 
   save_png(path, gradient_image(width, height, shift));
 }
 
-// Writes a data folder of panoramas of 128x64 pixels, whose positions are 0.1 apart.
+// Writes a data set (transforms.json and PNG files) of panoramas of 128x64 pixels, whose positions are 0.1
+// apart.
 inline void put_panoramas(const std::filesystem::path& folder, int count) {
   Json data{{"camera_model", "EQUIRECTANGULAR"}, {"w", 128}, {"h", 64}, {"frames", Json::array()}};
   for (int i = 0; i < count; ++i) {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// KernelFolder makes ubs read the kernel sources from the folder of the project instead of the embedded ones,
-// so that a test can add kernels.
+// While a KernelFolder exists, ubs reads kernel sources from the folder of the project instead of using the
+// embedded ones, so that tests can compile their own kernels.
 #pragma once
 
 #include <cstdlib>
@@ -9,7 +9,7 @@
 
 namespace ubs::test {
 
-struct KernelFolder {  // the effect lasts as long as the object exists
+struct KernelFolder {
   KernelFolder() { setenv("UBS_KERNEL_DIR", (source_folder() / "kernels").c_str(), 1); }
   ~KernelFolder() { unsetenv("UBS_KERNEL_DIR"); }
 };

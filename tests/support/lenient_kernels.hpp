@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// LenientKernels makes ubs read the kernels from a copy that renders splats with any finite parameters. The
-// effect lasts as long as the object exists. The product culls splats beyond UBS_RAW_MAX, because their
-// gradients are not finite (kernels/limits.h). With these kernels, tests check how the product handles such
-// gradients, which may also have other causes. Devices must be opened after the object is created.
+// While an object of the class LenientKernels exists, ubs uses changed kernels that render splats with any
+// finite parameters. The original kernels cull splats with parameters above UBS_RAW_MAX (kernels/limits.h),
+// because their gradients would not be finite. With the changed kernels, tests check how ubs handles
+// gradients that are not finite, which may also have other causes. Devices must be opened after the object is
+// created.
 #pragma once
 
 #include <cstdlib>

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// This file writes poses_bounds.npy, the cameras of LLFF and N3V folders.
+// Functions that write poses_bounds.npy, the file with the cameras of data sets in the LLFF and N3V layouts.
 #pragma once
 
 #include <fmt/format.h>
@@ -12,15 +12,17 @@
 
 namespace ubs::test {
 
-// Appends the row of poses_bounds.npy of a camera at (x, 0, 0) that looks along -z of the world with y up.
+// Appends a camera to the rows of poses_bounds.npy. The camera is at (x, 0, 0), looks along the negative z
+// axis of the world, and its y axis points up.
 inline void add_row(std::vector<double>& rows, double x) {
-  const double matrix[15] = {0, 1,   0, x, 96, -1, 0,  0,
-                             0, 128, 0, 0, 1,  0,  100};  // down = -y, right = x, back = z
+  // The columns of the matrix are down (-y), right (x), back (z), the position, and height, width and focal
+  // length.
+  const double matrix[15] = {0, 1, 0, x, 96, -1, 0, 0, 0, 128, 0, 0, 1, 0, 100};
   rows.insert(rows.end(), matrix, matrix + 15);
   rows.insert(rows.end(), {2.0, 9.0});
 }
 
-// Writes poses_bounds.npy from rows of 17 values.
+// Writes poses_bounds.npy with the given values, which are rows of 17 numbers.
 inline void put_poses(const std::filesystem::path& path, const std::vector<double>& values) {
   std::string header =
       fmt::format("{{'descr': '<f8', 'fortran_order': False, 'shape': ({}, 17), }}", values.size() / 17);
@@ -34,7 +36,7 @@ inline void put_poses(const std::filesystem::path& path, const std::vector<doubl
   put(path, bytes);
 }
 
-// Writes poses_bounds.npy of this number of cameras into a folder.
+// Writes poses_bounds.npy with `count` cameras, whose positions are 1 apart, into a folder.
 inline void put_rows(const std::filesystem::path& folder, int count) {
   std::vector<double> rows;
   for (int i = 0; i < count; ++i) add_row(rows, i);

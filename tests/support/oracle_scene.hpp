@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The functions of this file convert a scene of the oracle (host/lab/oracle/scenes.hpp) to inputs of the
-// pipeline.
+// Functions that convert the background and the target image of a scene of the oracle
+// (host/lab/oracle/scenes.hpp) to the types that the renderer uses.
 #pragma once
 
 #include <vector>

@@ -10,7 +10,7 @@
 
 namespace ubs::test {
 
-// Returns the program for a command line that begins with a subcommand.
+// Returns the path of the program for a command line that begins with a subcommand.
 inline std::string program_of(std::string_view arguments) {
   constexpr std::array kLab{"accuracy", "bench", "compare", "gradients", "stress", "tune"};
   const bool lab = std::ranges::find(kLab, arguments.substr(0, arguments.find(' '))) != kLab.end();

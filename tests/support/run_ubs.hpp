@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// run_ubs() starts `ubs` or `ubs-lab` as a user does, as a process in a folder, and returns the exit code and
-// the output. `arguments` start with the subcommand, which determines the program.
+// run_ubs() runs `ubs` or `ubs-lab` as a process in a folder, and returns its exit code and output.
+// `arguments` begin with the subcommand, which determines the program.
 #pragma once
 
 #include <sys/wait.h>
@@ -27,7 +27,8 @@ struct Result {
 
 inline std::string quoted(const std::filesystem::path& path) { return fmt::format("'{}'", path.string()); }
 
-// Runs a shell command in the folder. Its output remains there as stdout.txt and stderr.txt.
+// Runs a shell command in the folder. Its output is stored in the files stdout.txt and stderr.txt of the
+// folder.
 inline Result run_command(const TempFolder& folder, const std::string& command) {
   const int status = std::system(
       fmt::format("cd {} && {} >stdout.txt 2>stderr.txt </dev/null", quoted(folder.path()), command).c_str());
@@ -62,8 +63,9 @@ inline std::string without_seconds(const std::string& log) {
 }
 
 // Starts the command, waits until `file` exists in the folder and is not empty, and sends the signal. `file`
-// may be out.txt or err.txt, the output of the command. Returns the exit code, or 128 plus the number of the
-// signal.
+// may be out.txt or err.txt, which contain the output of the command. `before` is a command that runs the
+// program, for example env with variables. Returns the exit code, or 128 plus the number of the signal that
+// ended the process.
 inline int ended_by(const TempFolder& folder, const std::string& arguments, int signal,
                     const std::string& file, const std::string& before = "") {
   using Clock = std::chrono::steady_clock;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// This library is loaded with LD_PRELOAD and makes one C++ allocation fail. With UBS_SCARCE_MEMORY=BYTES,N,
-// the N-th allocation of exactly BYTES bytes throws std::bad_alloc.
+// A library that makes one C++ allocation fail if it is loaded with LD_PRELOAD. With
+// UBS_SCARCE_MEMORY=BYTES,N, the N-th allocation of exactly BYTES bytes throws std::bad_alloc.
 #include <atomic>
 #include <cstdio>
 #include <cstdlib>

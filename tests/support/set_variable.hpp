@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Variable sets an environment variable for the duration of a test.
+// Variable sets an environment variable, and restores the previous value when the object is destroyed.
 #pragma once
 
 #include <cstdlib>
@@ -9,7 +9,8 @@ namespace ubs::test {
 
 class Variable {
  public:
-  Variable(const char* name, const char* value) : name_(name) {  // null: unset the variable
+  // If `value` is null, the variable is unset.
+  Variable(const char* name, const char* value) : name_(name) {
     if (const char* old = std::getenv(name)) old_ = old, had_ = true;
     value ? setenv(name, value, 1) : unsetenv(name);
   }

@@ -12,7 +12,7 @@ class SimulatedTime final : public TimeSource {
   void advance(double seconds) { now_ += seconds; }
 
  private:
-  double now_ = 1e6;  // like on a machine that has been running for days
+  double now_ = 1e6;  // as on a machine that has been running for days
 };
 
 }  // namespace ubs::test

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// This file creates random splats with the parameters of third-party files, and computes the difference of
-// two sets of splats.
+// Functions that create random 3D Gaussians as they are read from files of other tools, and compare two sets
+// of them.
 #pragma once
 
 #include <catch2/catch.hpp>
@@ -15,6 +15,7 @@ namespace ubs::test {
 
 using Mat3 = Matrix3;
 
+// Returns the covariance of a splat with the unit quaternion q = (w, x, y, z) and the scales s.
 inline Mat3 covariance_of(const std::array<double, 4>& q, const std::array<double, 3>& s) {
   const auto [w, x, y, z] = q;
   const Mat3 r{{{1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)},
@@ -27,6 +28,7 @@ inline Mat3 covariance_of(const std::array<double, 4>& q, const std::array<doubl
   return c;
 }
 
+// Returns the norm of a - b divided by the norm of a.
 inline double relative_difference(const Mat3& a, const Mat3& b) {
   double d = 0, n = 0;
   for (std::size_t i = 0; i < 3; ++i)
@@ -63,7 +65,7 @@ inline ImportedSplats random_splats(std::size_t count, int degree) {
   return s;
 }
 
-// The largest differences after writing and reading a file. Rotations are compared up to sign.
+// The largest differences between two sets of splats. Quaternions with opposite signs are the same rotation.
 struct Differences {
   double position = 0, log_scale = 0, rotation = 0, opacity = 0, dc = 0, rest = 0;
 };

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// This file provides stages and buffers for tests of single stages, with both kinds of kernels on every
-// device.
+// for_each_stages() runs a test of single stages with the CPU and the GPU kernels on every device. uploaded()
+// creates a buffer with given values.
 #pragma once
 
 #include <algorithm>
@@ -11,8 +11,8 @@
 
 namespace ubs::test {
 
-// Calls f(device, stages) for every device and kind of kernels. Vector kernels are skipped on devices without
-// vectors.
+// Calls f(device, stages) for every device and both kinds of kernels. The CPU kernels, which use vectors, are
+// skipped on devices whose vector width is 1.
 template <class F>
 void for_each_stages(const F& f, KernelConfig config = {}) {
   for (const auto& device : devices_under_test())

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// TempFolder creates a folder inside the temporary folder of the system, and deletes the new folder when the
-// object is destroyed. This file also contains short functions to write files and to check an error message.
+// TempFolder creates a folder inside the temporary folder of the system, and deletes it when the object is
+// destroyed. This file also contains short functions that write and read files, and check error messages.
 #pragma once
 
 #include <unistd.h>

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// named_variants() returns the variants that are used by tests of whole views and of training: every value of
-// every switch, combinations whose formulas interact, and the models of other methods.
+// named_variants() returns the variants of the method with which tests render and train: variants for every
+// value of every setting, for combinations whose formulas interact, and for the models of other methods
+// (3DGS, 6DGS, 7DGS, DBS).
 #pragma once
 
 #include <string>

@@ -18,8 +18,9 @@ struct Weights {
   std::vector<float> rgb, alpha, depth;  // (H, W, 3), (H, W), (H, W); or empty
 };
 
-// Returns the gradient of sum(rgb * image) + sum(alpha * alpha of the image) + sum(depth * depth of the
-// image). With `query_grad` it includes the path through the view direction.
+// Returns the gradient of a weighted sum of all pixels: each colour, alpha and depth is multiplied by its
+// weight. If `query_grad` is true, the gradient includes the dependence of the view direction on the
+// position.
 inline oracle::ViewGradients expected_gradient(const oracle::Scene& scene, const Weights& weights,
                                                bool query_grad = false) {
   const oracle::Model model = oracle::to_model(scene.model);
@@ -49,7 +50,7 @@ inline oracle::ViewGradients expected_gradient(const oracle::Scene& scene, const
   return sum;
 }
 
-// Returns a scene with 150 splats in front of a coloured background, and weights that are 0 at some pixels.
+// Returns a scene with 150 splats in front of a coloured background, and random weights, some of which are 0.
 inline std::pair<oracle::Scene, Weights> differentiable_view(int dim, int width, int height,
                                                              const ModelVariant& variant = {}) {
   oracle::SceneOptions options{.count = 150,
@@ -63,7 +64,7 @@ inline std::pair<oracle::Scene, Weights> differentiable_view(int dim, int width,
   const CounterRandom random(5, 1);
   Weights all;
   for (std::uint32_t i = 0; i < static_cast<std::uint32_t>(width * height); ++i) {
-    // At some pixels, one of the weights is 0.
+    // The weights of colours, alpha and depth are 0 at different pixels.
     for (std::uint32_t c = 0; c < 3; ++c)
       all.rgb.push_back(i % 3 == 0 ? 0.0f : static_cast<float>(random.uniform(i, c, -1, 1)));
     all.alpha.push_back(i % 4 == 1 ? 0.0f : static_cast<float>(random.uniform(i, 3, -1, 1)));

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// whole_sweep() returns whether tests must cover all variants, constants and similar cases. Each of them
-// costs a compilation. So only a sample runs by default, and all of them run with UBS_TEST_ALL in the
-// environment.
+// whole_sweep() returns whether tests must cover all variants of the method, all tuned constants and similar
+// cases. Each of them needs a compilation, so tests only cover a sample by default. They cover all cases if
+// the environment variable UBS_TEST_ALL is set.
 #pragma once
 
 #include <cstdlib>

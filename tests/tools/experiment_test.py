@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""Tests tools/experiment.py: experiment_test.py UBS [NAME ...]. Most tests use a stand-in for `ubs train`, and the last
-ones run real trainings of a small scene."""
+"""Tests tools/experiment.py. Usage: experiment_test.py UBS [NAME ...], where UBS is the path of ubs, and NAMEs select
+tests. Most tests use a script in place of `ubs`. The last tests run real trainings of a small scene."""
 import importlib.util
 import json
 import os
@@ -174,7 +174,8 @@ class DataSpecs(Case):
                 self.assertEqual({run.published["iterations"] for run in runs.values()}, {30000})
                 self.assertTrue(all(run.paper for run in runs.values()))
         self.assertEqual((len(sets), len(paths), of_paper), (10, 9, 5))
-        # Numbers of published scenes and averages: 38 scenes and 5 averages; 3 x (8 + 1); 6 x 4; 6; 6 + 1.
+        # The sum has one term for each experiment with published values. The first has values of 38 scenes and 5
+        # averages. The other terms are 3 x (8 + 1), 6 x 4, 6 and 6 + 1.
         self.assertEqual(published, 43 + 27 + 24 + 6 + 7)
 
     def test_printed_averages_are_those_of_the_printed_scenes(self):
@@ -365,13 +366,15 @@ class Plan(Case):
             return self.plan("--scale-down", str(k), "--scenes", "cube")["a/toys/cube"]
 
         self.assertEqual((scaled(1).settings["downscale"], scaled(1).width), (2, 80))
-        for key in ("downscale=2", "colmap_model=auto", "principal_point=true"):  # all settings for reading data
+        # `ubs info` must get all settings that affect how data are read.
+        for key in ("downscale=2", "colmap_model=auto", "principal_point=true"):
             self.assertIn(f" --set={key}", self.lines("infos")[0])
         quarter = scaled(4)
         self.assertEqual((quarter.settings["downscale"], quarter.width), (8, 20))
         self.assertEqual([quarter.settings[key] for key in ("cap_max", "init_points", "iterations")], [63, 50, 100])
         self.assertEqual(quarter.published["iterations"], 400)
-        for published, factor in ((640, 1), (2000, 1), (320, 2)):  # already reduced
+        # The images are 160 pixels wide, so they are already smaller than the published images.
+        for published, factor in ((640, 1), (2000, 1), (320, 2)):
             put(self.folder / "set.yaml", SET.replace("width: 80", f"width: {published}"))
             self.assertEqual(scaled(4).settings["downscale"], factor)
 
@@ -418,7 +421,7 @@ class Run(Case):
         again = self.table("--resume", "--set", "iterations=401")
         self.assertEqual(again["runs"][0]["record"]["identity"]["settings"]["iterations"], 401)
         self.assertEqual(self.starts(), 4)
-        self.table("--resume", "--set", "iterations=401", "--set", "log_every=7")  # log_every has no effect
+        self.table("--resume", "--set", "iterations=401", "--set", "log_every=7")  # does not affect results
         self.assertEqual(self.starts(), 4)
         self.table("--overwrite")
         self.assertEqual(self.starts(), 6)
@@ -538,7 +541,7 @@ class Run(Case):
                 self.assertIn("--resume ", (self.folder / "starts").read_text())
                 self.assertEqual(self.starts(), 3)
                 self.assertEqual((folder / "checkpoint.ubs").exists(), code != 0)
-                if code:  # with other settings it is not resumed
+                if code:  # with other settings, the checkpoint is not used
                     self.scene("cube", "train", 31)
                     self.table(*out, "--resume", "--set", "iterations=401")
                     self.assertIn("--out ", self.lines("starts")[-2])
@@ -636,7 +639,7 @@ class Run(Case):
         self.assertEqual([task["id"] for task in tasks()], ["a/toys/cube"])
         self.assertEqual(len(tasks("--set", "iterations=401")), 2)
         run_task(before[1])
-        self.assertEqual(self.starts(), 1)  # it was finished
+        self.assertEqual(self.starts(), 1)  # a finished run is not started again
         self.assertIn("there is no such run", self.refused(2, "--task", "a/toys/cone"))
         run_task(before[0])
         self.assertEqual([run["state"] for run in self.table("--resume")["runs"]], ["done", "done"])
@@ -672,7 +675,7 @@ class Real(Case):
         self.assertEqual(run["ours"]["psnr"], metrics["test"]["mean"]["psnr"])
         self.assertGreater(run["ours"]["psnr"], 10)
         self.assertGreater(run["ours"]["fps"], 1)
-        chosen = {key: metrics["settings"][key] for key in metrics["chosen"]}  # "auto" before the training
+        chosen = {key: metrics["settings"][key] for key in metrics["chosen"]}  # these were "auto" in the plan
         self.assertEqual({**run["settings"], **chosen}, metrics["settings"])
         self.assertEqual(run["record"]["build"], metrics["build"])
         self.assertEqual((run["image_width"], run["published"]["psnr"]), (32, 30))
@@ -718,7 +721,7 @@ class Real(Case):
 
 
 class Settings(Case):
-    """Tests the requirements of the script on the executable."""
+    """Tests functions of `ubs` that the script requires."""
 
     def test_printed_settings_are_a_file_of_settings(self):
         def printed(*arguments):

@@ -1,6 +1,7 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""Tests tools/perturb_cameras.py: perturb_cameras_test.py UBS. `ubs` reads the copies."""
+"""Tests tools/perturb_cameras.py. Usage: perturb_cameras_test.py UBS, where UBS is the path of ubs. The script copies
+data sets with changed cameras, and the tests read the copies with `ubs info`."""
 import json
 import pathlib
 import struct

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tests learnt exposure and white balance: training on photographs with unequal exposures reaches the quality
-// of equal exposures. Also tests the fit to a held-out image.
+// Tests learnt exposure and white balance (the setting `appearance`): training on photographs with different
+// exposures must nearly reach the quality of training on photographs with equal exposures. Also tests fitting
+// the colours of a render to a photograph, which is used for test views.
 #include <catch2/catch.hpp>
 #include <cmath>
 
@@ -11,7 +12,7 @@
 namespace ubs {
 namespace {
 
-// Returns the image as a camera would have taken it with 2^stops of the light.
+// Changes the image as if the camera had received 2^stops times as much light.
 void expose(Image8& image, double stops) {
   for (std::uint8_t& byte : image.rgb) {
     const double value = byte / 255.0;
@@ -22,7 +23,8 @@ void expose(Image8& image, double stops) {
   }
 }
 
-// Changes the exposures of the views to values from -1 to 1 in equal steps, in a random order.
+// Changes the exposures of the views by -1 to 1 stops, in equal steps. Neighbouring views get different
+// exposures.
 void bracket(Split& split) {
   const std::size_t count = split.views.size();
   for (std::size_t i = 0; i < count; ++i)
@@ -35,8 +37,8 @@ TEST_CASE("appearance: exposures that differ by up to one stop hardly reduce the
   test::Data uneven = plain;
   bracket(uneven.train);
   for (const auto& device : test::devices_under_test()) {
-    // The learning rates are those of a short run (data_specs/fast.yaml). N is 3, because with N = 6 splats
-    // learn the exposure of their views.
+    // The learning rates are those of a short run (data_specs/fast.yaml). N is 3, because with N = 6 the
+    // colours of splats depend on the view direction, so that splats can learn the exposures.
     TrainSettings settings = test::short_run(3, 1500, 1500);
     settings.lr_cooldown = 0.15;
     settings.lr_xyz_final = 4e-5;
@@ -45,15 +47,15 @@ TEST_CASE("appearance: exposures that differ by up to one stop hardly reduce the
     settings.lr_beta = 0.01;
     const double best = test::train(*device, settings, plain).test.mean.psnr;
     const double without = test::train(*device, settings, uneven).test.mean.psnr;
-    CHECK(without < best - 1);  // without appearance: 1.6 dB worse
+    CHECK(without < best - 1);  // observed: without appearance, the PSNR is 1.6 dB lower
     for (const bool affine : {false, true}) {
       settings.appearance = affine ? Appearance::affine : Appearance::gain;
       const Metrics with = test::train(*device, settings, uneven).test;
       INFO(static_cast<int>(settings.appearance)
            << ": " << best << " even, " << without << " without, " << with.mean.psnr << " with, fitted "
            << with.mean.fitted->psnr);
-      // Gains alone can reproduce neither the response curve of the camera nor its saturation. This costs
-      // 0.5 dB.
+      // With appearance = gain, the PSNR is about 0.5 dB lower, because gains alone can reproduce neither the
+      // response curve of the camera nor its saturation.
       CHECK(with.mean.psnr > best - (affine ? 0.3 : 0.7));
       CHECK(with.mean.fitted->psnr > best - (affine ? 0.1 : 0.4));
     }
@@ -98,7 +100,7 @@ TEST_CASE("appearance: the fit finds the colour map of an image, and leaves unde
   const std::vector<float> fit = fit_appearance(view, photograph, Appearance::affine);
   for (std::size_t q = 0; q < 12; ++q) {
     const double want = q % 5 == 0 ? std::log(rows[q / 4][q % 4]) : rows[q / 4][q % 4];
-    CHECK(fit[q] == Approx(want).margin(2e-3));  // bytes are rounded
+    CHECK(fit[q] == Approx(want).margin(2e-3));  // the photograph is rounded to bytes
   }
   const std::vector<float> gains = fit_appearance(view, photograph, Appearance::gain);
   for (std::size_t q = 0; q < 12; ++q)

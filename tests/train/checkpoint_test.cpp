@@ -25,7 +25,8 @@ using test::start;
 using test::synthetic;
 using test::TempFolder;
 
-// 60 iterations with refinement at 2, 4, ... 48: growth from 500 to 700 splats.
+// Returns settings of a run of 60 iterations. Refinements at iterations 2, 4, ... 48 add splats, from 500 to
+// 700.
 TrainSettings small_run(int dim) {
   TrainSettings settings = short_run(dim, 60, 500);
   settings.cap_max = 700;
@@ -37,6 +38,7 @@ TrainSettings small_run(int dim) {
 struct Rows {
   std::vector<std::pair<int, double>> losses;
 };
+// Trains until the given iteration and returns the logged losses with their iterations.
 Rows run_to(Trainer& trainer, int iteration) {
   Rows rows;
   if (trainer.iteration() < iteration)
@@ -71,8 +73,9 @@ TEST_CASE("checkpoint: a run resumed at any point is bit-identical to an uninter
       const Rows expected = run_to(whole, 60);
       const TrainState end = whole.state();
       REQUIRE(end.model.count == 700);
-      // The run is interrupted before and after refinements (4, 6, ... every second iteration), at and
-      // between rows of the log, in the middle of an epoch of 7 views, and before the first iteration.
+      // The run is interrupted before the first iteration, before and after refinements (at every second
+      // iteration), at and between iterations that are logged (7, 14, ...), and in the middle of an epoch of
+      // 7 views.
       for (const int cut : batch == 1 ? std::vector<int>{0, 1, 3, 4, 5, 7, 20, 59} : std::vector<int>{9}) {
         INFO(device->info().name << ", batch " << batch << ", cut at " << cut);
         Trainer first(*device, settings, data.train, kNone, start(settings));
@@ -111,7 +114,7 @@ TEST_CASE("checkpoint: a run resumed at any point is bit-identical to an uninter
   }
 }
 
-TEST_CASE("checkpoint: states are passed at the set intervals, and a failed write keeps the previous one",
+TEST_CASE("checkpoint: states are saved at the set intervals, and a failed write keeps the previous file",
           "[checkpoint]") {
   const Data data = synthetic("glossy", 16, 3);
   const TempFolder folder;
@@ -136,7 +139,7 @@ TEST_CASE("checkpoint: states are passed at the set intervals, and a failed writ
     rlimit limit{};
     getrlimit(RLIMIT_FSIZE, &limit);
     const auto handler = std::signal(SIGXFSZ, SIG_IGN);
-    const rlimit small{10'000, limit.rlim_max};  // as on a full disk, writing fails after some bytes
+    const rlimit small{10'000, limit.rlim_max};  // writing fails after some bytes, as on a full disk
     setrlimit(RLIMIT_FSIZE, &small);
     const std::string message = message_of([&] { write_checkpoint(path, c); });
     setrlimit(RLIMIT_FSIZE, &limit);
@@ -151,7 +154,7 @@ TEST_CASE("checkpoint: states are passed at the set intervals, and a failed writ
   }
 }
 
-TEST_CASE("checkpoint: truncated, damaged and foreign files are refused", "[checkpoint]") {
+TEST_CASE("checkpoint: truncated files, damaged files and other versions are rejected", "[checkpoint]") {
   const TempFolder folder;
   TrainState state;
   state.model = start(short_run(3, 10, 50));
@@ -184,7 +187,7 @@ TEST_CASE("checkpoint: truncated, damaged and foreign files are refused", "[chec
     CHECK(refused({good.begin(), good.begin() + static_cast<std::ptrdiff_t>(size)}).find("checkpoint") !=
           std::string::npos);
   }
-  for (std::size_t at = 0; at < good.size(); at += good.size() / 97 + 1) {  // every part of the file
+  for (std::size_t at = 0; at < good.size(); at += good.size() / 97 + 1) {  // bytes in all parts of the file
     std::vector<std::byte> bytes = good;
     bytes[at] ^= std::byte{0x10};
     INFO("bit flipped in byte " << at);
@@ -234,7 +237,7 @@ TEST_CASE("checkpoint: different settings and data are detected", "[checkpoint]"
   }
 }
 
-// A source that sometimes fails to return its image.
+// An image source whose calls of load() with the numbers in `failures` fail.
 class MoodySource final : public ImageSource {
  public:
   MoodySource(Image8 image, std::vector<int> failures)
@@ -263,7 +266,7 @@ TEST_CASE(
     for (const bool twice : {false, true}) {
       Split train = data.train;
       ViewOrder order(settings.seed, 4);
-      View& last = train.views[order(3)];  // of the fourth iteration
+      View& last = train.views[order(3)];  // the view of the fourth iteration
       last.source =
           std::make_shared<MoodySource>(last.image, twice ? std::vector<int>{1, 2} : std::vector<int>{1});
       Trainer trainer(*device, settings, train, kNone, start(settings));

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tests the settings of fast runs: their values for a number of iterations, that they can be written and read
-// like any other settings, and how they depend on the images.
+// Tests the settings that ubs chooses for short runs: their values for a number of iterations, how they
+// depend on the images, and that data_specs/fast.yaml contains them.
 #include "host/train/fast_settings.hpp"
 
 #include <catch2/catch.hpp>
@@ -14,7 +14,7 @@
 
 namespace ubs {
 
-TEST_CASE("fast settings: a run refines as often as the published one, and grows in its first half",
+TEST_CASE("fast settings: values scale with the iterations, and splats are added in the first half",
           "[schedule]") {
   for (const int iterations : {100, 700, 2000, 6000, 30000})
     for (const std::size_t points :
@@ -23,7 +23,8 @@ TEST_CASE("fast settings: a run refines as often as the published one, and grows
       INFO(iterations << " iterations, " << points << " points");
       validate(s);
       CHECK(s.iterations == iterations);
-      // From random positions, splats must move as far in few iterations as in many.
+      // Without initial points, splats start at random positions and must move as far in few iterations as in
+      // many.
       if (points > 0) CHECK(s.lr_xyz == 1.6e-4);
       if (points == 0 && iterations >= 2000 && iterations < 20000) CHECK(s.lr_xyz * iterations == Approx(5));
       CHECK((s.lr_xyz <= 3e-3 && s.lr_xyz >= 1.6e-4));
@@ -52,15 +53,16 @@ TEST_CASE("fast settings: a run refines as often as the published one, and grows
   CHECK(s.growth == 1.3);
   CHECK(s.refine.step == 900);
   CHECK(s.init_points == 4000);
-  CHECK(fast_settings_for(fast_settings(), 2000, 0, {.random_points = 700}).init_points ==
-        700);  // no more splats than the images can show
-  // For a single object, the direction betas stay wide for runs of any length.
+  // The number of random initial splats is limited for images with few pixels.
+  CHECK(fast_settings_for(fast_settings(), 2000, 0, {.random_points = 700}).init_points == 700);
+  // If the images show a single object, the initial direction betas are -3 for runs of any length.
   CHECK(fast_settings_for(fast_settings(), 16000, 9000, {.lone_object = true}).beta_dir_init == -3);
   CHECK(fast_settings_for(fast_settings(), 16000, 9000).beta_dir_init > -0.3);
   CHECK(fast_settings_for(fast_settings(), 2000, 9000).opacity_reg == 0.01);
   CHECK(fast_settings_for(fast_settings(), 2000, 9000, {.few_photographs = true}).opacity_reg == 0.02);
   CHECK(fast_settings_for(fast_settings(), 2000, 9000, {.wide_images = true}).opacity_reg == 0);
-  // Large images, and images that are used only a few times, are in full size for less of the work.
+  // The later levels of the image pyramid end later if images are large, or if each image is used only a few
+  // times, so that fewer iterations use the full size.
   const auto pyramid = [](int iterations, std::size_t views, double pixels) {
     return fast_settings_for(fast_settings(), iterations, 9000, {.views = views, .pixels = pixels}).pyramid;
   };
@@ -100,7 +102,8 @@ TEST_CASE("fast settings: values chosen by the user are kept") {
   CHECK(free.refine.step > given.refine.step);
 }
 
-TEST_CASE("fast settings: with direct conditioning, rates of dynamic scenes fall earlier", "[schedule]") {
+TEST_CASE("fast settings: with direct conditioning, learning rates of dynamic scenes fall earlier",
+          "[schedule]") {
   const auto share = [](int dim, double chosen, Conditioning conditioning = Conditioning::direct) {
     TrainSettings settings = fast_settings();
     settings.dim = dim;
@@ -116,7 +119,7 @@ TEST_CASE("fast settings: with direct conditioning, rates of dynamic scenes fall
   CHECK(fast_run_splats(2000, 0) == 24000);
 }
 
-TEST_CASE("fast settings: dependence on the images", "[schedule]") {
+TEST_CASE("fast settings: single objects and small numbers of photographs are recognised", "[schedule]") {
   const auto facts_of = [](bool plain, bool opaque, std::size_t views = 2) {
     View view;
     view.camera.width = view.camera.height = 10;
@@ -137,7 +140,7 @@ TEST_CASE("fast settings: dependence on the images", "[schedule]") {
   CHECK_FALSE(facts_of(true, true).few_photographs);
 }
 
-TEST_CASE("background: default for opaque images", "[schedule]") {
+TEST_CASE("background: for opaque images, the default is the mean colour with random changes", "[schedule]") {
   const auto settled = [](TrainSettings settings, bool opaque) {
     View view;
     view.camera.width = view.camera.height = 10;
@@ -154,7 +157,7 @@ TEST_CASE("background: default for opaque images", "[schedule]") {
   TrainSettings settings;
   const TrainSettings photographs = settled(settings, true);
   CHECK(photographs.random_background == RandomBackground::on);
-  CHECK(photographs.background.colour == std::array<double, 3>{0.5, 1, 1});  // their mean colour
+  CHECK(photographs.background.colour == std::array<double, 3>{0.5, 1, 1});  // the mean colour of the images
   const TrainSettings transparent = settled(settings, false);
   CHECK(transparent.random_background == RandomBackground::off);
   CHECK(transparent.background == Background{});
@@ -170,7 +173,7 @@ TEST_CASE("background: default for opaque images", "[schedule]") {
   CHECK_THROWS_WITH(settled(settings, false), Catch::Contains("requires opaque images"));
 }
 
-TEST_CASE("fast settings: at the end the rates fall to zero", "[schedule]") {
+TEST_CASE("fast settings: with lr_cooldown, learning rates fall to zero at the end", "[schedule]") {
   const test::Data data = synthetic("glossy", 32, 4);
   for (const auto& device : devices_under_test()) {
     const auto after = [&](double cooldown, int iterations) {
@@ -188,10 +191,7 @@ TEST_CASE("fast settings: at the end the rates fall to zero", "[schedule]") {
   }
 }
 
-TEST_CASE(
-    "data_specs: published.yaml has the defaults except for initial splats, conditioning, unit and "
-    "background, and fast.yaml the initial settings of a budget",
-    "[schedule]") {
+TEST_CASE("data_specs: published.yaml and fast.yaml agree with the settings in the code", "[schedule]") {
   const auto text_of = [](TrainSettings settings, std::string_view without) {
     std::string text;
     for (const FieldValue& field : bind_fields(settings, train_fields()))

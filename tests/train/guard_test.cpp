@@ -28,7 +28,7 @@ constexpr int kIterations = 60;
 TrainSettings guarded(OnNan on_nan) {
   TrainSettings settings = short_run(6, kIterations, 300);
   settings.cap_max = 330;
-  settings.refine.step = 1000;  // that is: every second iteration
+  settings.refine.step = 1000;  // a refinement at every second iteration
   settings.on_nan = on_nan;
   return settings;
 }
@@ -41,8 +41,8 @@ void poison(Device& device, Trainer& trainer, int row, std::uint32_t splat, floa
 }
 
 struct Run {
-  std::vector<std::string> warnings;  // of the findings after which training continued
-  std::string message;                // of the error that ended the training
+  std::vector<std::string> warnings;  // warnings after which training continued
+  std::string message;                // message of the error that ended the training
   TrainState end;
 };
 
@@ -80,7 +80,7 @@ TEST_CASE("guard: if all values are finite, results are bit-identical", "[guard]
     }
 }
 
-TEST_CASE("guard: with stop, the error message states splat, iteration and stage", "[guard]") {
+TEST_CASE("guard: with on_nan = stop, the error message contains splat, iteration and stage", "[guard]") {
   const Data data = synthetic("glossy", 32, 6);
   struct Row {
     int row;
@@ -104,19 +104,19 @@ TEST_CASE("guard: with stop, the error message states splat, iteration and stage
     }
 }
 
-// Gives a splat finite parameters whose gradient is not finite, because SSIM squares colours of 1e38.
-// Requires LenientKernels.
+// Gives a splat finite parameters whose gradient is not finite, because SSIM squares its colours, which are
+// 1e38. Requires LenientKernels, because other kernels cull such a splat.
 void make_glaring(Device& device, Trainer& trainer, const Camera& camera, std::uint32_t splat) {
   const std::array<double, 3> centre = camera.centre();
   for (int c = 0; c < 3; ++c)
     poison(device, trainer, c, splat, static_cast<float>(0.5 * centre[static_cast<std::size_t>(c)]));
   for (int c = 3; c < 6; ++c) poison(device, trainer, c, splat, 1e38f);
   poison(device, trainer, 6, splat, 10.0f);
-  for (int r = 8; r < 11; ++r) poison(device, trainer, r, splat, -8.0f);  // seen from every direction
+  for (int r = 8; r < 11; ++r) poison(device, trainer, r, splat, -8.0f);  // visible from every direction
   for (int r = 14; r < 17; ++r) poison(device, trainer, r, splat, -1.0f);
 }
 
-TEST_CASE("guard: a gradient that is not finite is traced to its stage and view", "[guard]") {
+TEST_CASE("guard: if a gradient is not finite, the message contains its stage and view", "[guard]") {
   const Data data = synthetic("glossy", 32, 6);
   const test::LenientKernels kernels;
   {
@@ -135,7 +135,8 @@ TEST_CASE("guard: a gradient that is not finite is traced to its stage and view"
   }
 }
 
-// Sets one value of the output of an operation to NaN.
+// Runs operations with other stages, and sets one value of the output of the operation with the index
+// `operation` to NaN.
 class Spoiler final : public Stages {
  public:
   Spoiler(Device& device, Stages& stages, std::size_t operation)
@@ -167,7 +168,7 @@ class Spoiler final : public Stages {
   std::size_t operation_;
 };
 
-TEST_CASE("guard: the first stage whose output is not finite is named, on each rasteriser", "[guard]") {
+TEST_CASE("guard: find_nonfinite_source() returns the first stage whose output is not finite", "[guard]") {
   const Data data = synthetic("glossy", 32, 2);
   for (const auto& device : devices_under_test())
     for (const std::string& raster : raster_names_of(*device)) {
@@ -198,7 +199,7 @@ TEST_CASE("guard: the first stage whose output is not finite is named, on each r
     }
 }
 
-TEST_CASE("guard: with drop, the splat is removed and training continues to a finite model", "[guard]") {
+TEST_CASE("guard: with on_nan = drop, the splat is removed and the final model is finite", "[guard]") {
   const Data data = synthetic("glossy", 32, 6);
   for (const auto& device : devices_under_test()) {
     TrainSettings settings = guarded(OnNan::drop);
@@ -215,7 +216,7 @@ TEST_CASE("guard: with drop, the splat is removed and training continues to a fi
     CHECK(result.end.iteration == kIterations);
     CHECK(is_finite(result.end));
 
-    // If too many splats are not finite, the training ends, because this cannot be an accident.
+    // If too many splats are not finite (here more than ten), the training ends with an error.
     Trainer worse(*device, settings, data.train, kNone, start(settings));
     const Run stopped = run(worse, [&](int iteration) {
       if (iteration == 20)
@@ -225,7 +226,8 @@ TEST_CASE("guard: with drop, the splat is removed and training continues to a fi
   }
 }
 
-// If cameras were refined before this check, a run that goes back a few iterations would refine them twice.
+// If cameras were refined before earlier iterations are checked for finite values, a run that goes back to
+// such an iteration would refine them twice.
 TEST_CASE("guard: cameras are only refined after earlier iterations have been checked", "[guard]") {
   const Data data = synthetic("glossy", 64, 4);
   for (const auto& device : devices_under_test()) {
@@ -256,7 +258,7 @@ TEST_CASE("guard: cameras are only refined after earlier iterations have been ch
   }
 }
 
-TEST_CASE("guard: rollback continues from the last state, skips the view once, and finally gives up",
+TEST_CASE("guard: with on_nan = rollback, training continues from the last state, at most three times",
           "[guard]") {
   const Data data = synthetic("glossy", 32, 6);
   const test::LenientKernels kernels;
@@ -284,7 +286,8 @@ TEST_CASE("guard: rollback continues from the last state, skips the view once, a
     CHECK(is_finite(result.end));
     CHECK(states >= 3);
 
-    Trainer again(*device, settings, data.train, kNone, start(settings));  // gets a NaN after each rollback
+    // In this run, a NaN is written again after each rollback.
+    Trainer again(*device, settings, data.train, kNone, start(settings));
     const Run stopped = run(again, [&](int iteration) {
       if (iteration == 25) poison(*device, again, 0, 3, kNan);
     });
@@ -293,7 +296,7 @@ TEST_CASE("guard: rollback continues from the last state, skips the view once, a
   }
 }
 
-TEST_CASE("guard: overflowing moments are detected, also in a batch", "[guard]") {
+TEST_CASE("guard: a moment that is not finite is detected with batches of several views", "[guard]") {
   const Data data = synthetic("glossy", 32, 6);
   for (const auto& device : devices_under_test()) {
     TrainSettings settings = guarded(OnNan::stop);

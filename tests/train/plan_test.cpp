@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tests plans: counted values are exact (splats, memory, intersections of a scene that does not change),
-// estimates are close to actual values, and plans that do not fit are rejected with the numbers. Times are
-// not tested.
+// Tests the estimates of `ubs plan`. Numbers of splats, memory, and the intersections of a scene that does
+// not change must be equal to the actual values. Other estimates must be close to them. Runs that need more
+// memory than the device has are rejected with a message that contains the numbers. The accuracy of estimated
+// times is not tested.
 #include "host/train/plan.hpp"
 
 #include <catch2/catch.hpp>
@@ -22,8 +23,8 @@ using test::short_run;
 using test::start;
 using test::synthetic;
 
-// method.md 4.3 states 244 refinements and the numbers of splats of the paper.
-TEST_CASE("schedule: the published one, and one with a tenth of its length", "[plan]") {
+// The expected 244 refinements and the numbers of splats are stated in docs/method.md, section 4.3.
+TEST_CASE("schedule: refinements and rates are those of the paper, and scale with the iterations", "[plan]") {
   TrainSettings settings;
   settings.cap_max = 10'000'000;
   settings = resolve_automatic(settings);
@@ -41,14 +42,14 @@ TEST_CASE("schedule: the published one, and one with a tenth of its length", "[p
     return schedule.learning_rates(layout, iteration)[static_cast<std::size_t>(layout.xyz)];
   };
   CHECK(position_rate(published, 30'000) == Approx(2 * 1.6e-6));
-  // The rate is 6 divided by the number of steps per image, but at least 0.02 and at most 0.1. At the end it
-  // is a hundredth of this value.
+  // The initial learning rate of the appearance is 6 divided by the number of steps per image, but at least
+  // 0.02 and at most 0.1. The last one is a hundredth of the initial one.
   CHECK(published.appearance_rate(0, 100) == Approx(0.02));
   CHECK(published.appearance_rate(0, 250) == Approx(0.05));
   CHECK(published.appearance_rate(0, 5'000) == Approx(0.1));
   CHECK(published.appearance_rate(30'000, 250) == Approx(0.0005));
-  // The learning rate of lobes and of the constant terms of harmonics is that of colours. The other harmonics
-  // have a twentieth of this rate.
+  // Lobes and the constant terms of harmonics have the learning rate of colours. The other harmonics have a
+  // twentieth of this rate.
   TrainSettings colours = settings;
   colours.lr_rgb = 0.004;
   for (const ColourMode mode : {ColourMode::sh2, ColourMode::sb2}) {
@@ -120,12 +121,12 @@ TEST_CASE("plan: if a scene does not change, its planned intersections and memor
       CHECK(plan.memory.total() == trainer.memory_plan().total());
       const double ratio =
           static_cast<double>(device->peak_bytes() - before) / static_cast<double>(plan.memory.total());
-      CHECK(ratio > 0.97);  // observed on PoCL: see tests/bench/bench_device_test.cpp
+      CHECK(ratio > 0.97);  // tests/bench/bench_device_test.cpp states observed values
       CHECK(ratio < 1.01);
     }
 }
 
-TEST_CASE("plan: the stages and programs of a growing scene", "[plan]") {
+TEST_CASE("plan: for a growing scene, the plan contains its duration, stages and programs", "[plan]") {
   const Data data = synthetic("glossy", 64, 12);
   for (const auto& device : devices_under_test()) {
     TrainSettings settings = short_run(6, 400, 1000);
@@ -159,7 +160,7 @@ TEST_CASE("plan: the stages and programs of a growing scene", "[plan]") {
   }
 }
 
-TEST_CASE("plan: supports training with learnt backgrounds, appearance and cameras", "[plan]") {
+TEST_CASE("plan: training with learnt backgrounds, appearance or cameras can be planned", "[plan]") {
   const Data data = synthetic("glossy", 48, 6);
   for (const auto& device : devices_under_test())
     for (const int what : {0, 1, 2}) {
@@ -174,7 +175,7 @@ TEST_CASE("plan: supports training with learnt backgrounds, appearance and camer
     }
 }
 
-TEST_CASE("plan: the capacity suffices for the end of a short run", "[plan]") {
+TEST_CASE("plan: the planned capacity of intersections is sufficient at the end of a short run", "[plan]") {
   const Data data = synthetic("glossy", 32, 4);
   for (const auto& device : devices_under_test()) {
     TrainSettings settings = short_run(6, 60, 300);
@@ -188,8 +189,7 @@ TEST_CASE("plan: the capacity suffices for the end of a short run", "[plan]") {
   }
 }
 
-TEST_CASE("plan: a plan that does not fit is rejected with the numbers before anything is allocated",
-          "[plan]") {
+TEST_CASE("plan: a run that does not fit into memory is rejected before anything is allocated", "[plan]") {
   const Data data = synthetic("glossy", 16, 3);
   for (const auto& device : devices_under_test()) {
     TrainSettings settings = short_run(6, 400, 100);
@@ -215,11 +215,11 @@ TEST_CASE("plan: a plan that does not fit is rejected with the numbers before an
   }
 }
 
-TEST_CASE("plan: rendering a model", "[plan]") {
+TEST_CASE("plan: the memory for rendering a model is predicted", "[plan]") {
   for (const auto& device : devices_under_test()) {
     const bench::BenchScene scene = bench::synthetic_object(7, 4000, 90, 70, 4);
     TrainSettings settings;
-    settings.dim = 6;  // depends on the model
+    settings.dim = 6;  // is ignored, because the dimension of the model is used
     const std::uint64_t before = device->allocated_bytes();
     device->reset_peak();
     const RunPlan plan = plan_rendering(*device, settings, scene.views, scene.model, true);
@@ -234,7 +234,7 @@ TEST_CASE("plan: rendering a model", "[plan]") {
   }
 }
 
-TEST_CASE("plan: rendering a model with several dimensions", "[plan]") {
+TEST_CASE("plan: the memory for rendering a model with different dimensions is predicted", "[plan]") {
   for (const auto& device : devices_under_test()) {
     const bench::BenchScene scene = bench::synthetic_object(6, 3000, 90, 70, 4);
     const SplatModel flat = bench::synthetic_object(3, 1000, 90, 70, 4).model;

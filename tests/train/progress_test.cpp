@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tests progress lines with a simulated clock: one line every ten seconds, for any number of iterations, and
-// the remaining time.
+// Tests the progress lines of commands with a simulated clock: if stderr is not a terminal, one line is
+// printed every ten seconds, however long an iteration takes. Also tests the remaining time in these lines.
 #include "tools/common/progress.hpp"
 
 #include <catch2/catch.hpp>
@@ -18,7 +18,7 @@ StepReport report_at(int iteration, double seconds) {
 
 }  // namespace
 
-TEST_CASE("progress: outside of a terminal there is a line every ten seconds", "[time]") {
+TEST_CASE("progress: without a terminal, a line is printed every ten seconds", "[time]") {
   for (const double each : {0.011, 0.5, 1.0, 25.0, 600.0}) {
     test::SimulatedTime time;
     const std::string text = test::on_stderr([&] {
@@ -30,7 +30,8 @@ TEST_CASE("progress: outside of a terminal there is a line every ten seconds", "
     });
     INFO(each << " s a step\n" << text);
     const auto lines = std::count(text.begin(), text.end(), '\n');
-    // There is an update every 10 iterations. The next line is due 10 s after the last one.
+    // update() is called every 10 iterations. It prints a line if at least 10 s have passed since the last
+    // line.
     const double between = std::max(10 * each, std::ceil(10 / (10 * each)) * 10 * each);
     CHECK(lines == static_cast<long>(1000 * each / between + 1e-9));
     CHECK(text.find('\r') == std::string::npos);
@@ -38,7 +39,7 @@ TEST_CASE("progress: outside of a terminal there is a line every ten seconds", "
   }
 }
 
-TEST_CASE("progress: the remaining time is reported by the run, or computed from its rate", "[time]") {
+TEST_CASE("progress: the remaining time is reported by the run, or computed from its speed", "[time]") {
   test::SimulatedTime time;
   const std::string text = test::on_stderr([&] {
     tools::Progress progress(1000, false, time);

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tests training that starts with reduced images: the schedule, the reduction compared with an independent
-// computation, and runs that are interrupted before and after a change of the level.
+// Tests training that starts with reduced images (the setting `pyramid`): the levels and when they change,
+// the reduced images, compared with an independent computation, and runs that are resumed before and after a
+// change of the level.
 #include "host/train/pyramid.hpp"
 
 #include <catch2/catch.hpp>
@@ -50,7 +51,7 @@ Image8 noisy(int width, int height, bool masked) {
 
 }  // namespace
 
-TEST_CASE("pyramid: levels follow from settings and sizes", "[pyramid]") {
+TEST_CASE("pyramid: levels depend on the setting and on the size of the images", "[pyramid]") {
   CHECK(pyramid_levels(with("", 100), views_of(800, 600)) == Levels{{1, 1}});
   const Levels three = pyramid_levels(with("4:0.2,2:0.5", 1000), views_of(800, 600));
   CHECK(three == Levels{{4, 0.2}, {2, 0.5}, {1, 1}});
@@ -61,7 +62,7 @@ TEST_CASE("pyramid: levels follow from settings and sizes", "[pyramid]") {
         Levels{{4, 0.2}, {2, 0.5}, {1, 1}});
   CHECK(pyramid_levels(with("4:0.2,2:0.5", 1000), views_of(200, 200)) == Levels{{2, 0.5}, {1, 1}});
   CHECK(pyramid_levels(with("4:0.2,2:0.5", 1000), views_of(4000, 100)) == Levels{{1, 1}});
-  CHECK(factor_at(three, WorkShare(with("", 1)), 1) == 2);  // half of the only iteration is rounded to one
+  CHECK(factor_at(three, WorkShare(with("", 1)), 1) == 2);  // this level ends at iteration 0.5, rounded to 1
   for (const char* wrong : {"2", "2:", "2:0.5,", "2:0.5,4:0.7", "4:0.5,2:0.2", "2:0", "2:1", "1:0.5",
                             "65:0.5", "2.5:0.5", "2:nan", ":0.5", "2:0.5;1:0.7", "2:0.5x"})
     CHECK(message_of([&] { validate(with(wrong, 100)); }, ErrorKind::usage).find("pyramid") !=
@@ -103,7 +104,8 @@ TEST_CASE("pyramid: an image is reduced to the means of square blocks", "[pyrami
     }
 }
 
-// A pixel of the reduced camera has the direction of the centre of its block.
+// The centre of a pixel of the reduced camera must be the centre of its block of pixels of the original
+// camera.
 TEST_CASE("pyramid: a reduced camera sees the same part of the scene", "[pyramid]") {
   Camera camera;
   camera.width = 401;
@@ -133,7 +135,7 @@ TEST_CASE("pyramid: a run resumed on any level is bit-identical to an uninterrup
           std::fill_n(view.image.mask.begin(), 144 * 40, std::uint8_t{0});
         }
       TrainSettings settings = short_run(masked ? 3 : 6, 24, 300);
-      settings.pyramid = "2:0.5";  // until iteration 12
+      settings.pyramid = "2:0.5";  // half the size until iteration 12
       settings.batch = masked ? 2 : 1;
       settings.cap_max = 400;
       settings.refine.step = 2500;
@@ -193,7 +195,7 @@ TEST_CASE("pyramid: images that do not stay on the device are reduced in the sam
     }
 }
 
-TEST_CASE("pyramid: the plan counts every level", "[pyramid][plan]") {
+TEST_CASE("pyramid: the planned time is the sum over all levels", "[pyramid][plan]") {
   const Data data = synthetic("glossy", 160, 4);
   for (const auto& device : devices_under_test()) {
     TrainSettings settings = short_run(3, 1000, 2000);

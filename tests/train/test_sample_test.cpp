@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tests the measurements of a few test views during a training with a simulated clock: when they take place,
-// that they take little time, and that the model does not depend on them.
+// Tests TestSample, which measures the PSNR of a few test views during training, with a simulated clock: when
+// it measures, that this takes little time, and that the model does not depend on it.
 #include "host/train/test_sample.hpp"
 
 #include <catch2/catch.hpp>
@@ -13,12 +13,13 @@ namespace ubs {
 namespace {
 
 struct Measurements {
-  std::vector<double> shares;  // at which the sample was measured
-  double spent = 0;            // seconds
+  std::vector<double> shares;  // shares of the completed work at which the sample was measured
+  double spent = 0;            // time of all measurements [s]
   std::vector<std::uint32_t> views;
 };
 
-// Simulates a training that takes `seconds`, during which a test view takes `each` seconds.
+// Simulates a training run that takes `seconds`, in which measuring a test view takes `each` seconds.
+// `limited` means that the run has a time budget.
 Measurements simulate_sample(std::size_t views, double seconds, double each, bool limited = false) {
   TestSample sample(views, limited);
   Measurements course;
@@ -41,22 +42,24 @@ Measurements simulate_sample(std::size_t views, double seconds, double each, boo
   return course;
 }
 
-TEST_CASE("test sample: a few times, for at most 2 % of the time", "[time]") {
+TEST_CASE("test sample: test views are measured up to four times, in at most 2 % of the time", "[time]") {
   const std::vector<double> all{0.2, 0.4, 0.6, 0.8};
   const Measurements cheap = simulate_sample(200, 60, 0.001);
   CHECK(cheap.shares == all);
   CHECK(cheap.views == std::vector<std::uint32_t>{0, 25, 50, 75, 100, 125, 150, 175});
   CHECK(simulate_sample(3, 60, 0.001).views == std::vector<std::uint32_t>{0, 1, 2});
-  // 2 % of 12 s is 0.24 s. Half of it is enough for two views.
+  // At 20 % of the run, 12 s have passed, of which 2 % are 0.24 s. A sample may take half of this, which is
+  // enough for two views.
   const Measurements dear = simulate_sample(200, 60, 0.05);
   CHECK(dear.shares == all);
   CHECK(dear.views == std::vector<std::uint32_t>{0, 100});
-  CHECK(simulate_sample(200, 60, 0.3).shares == std::vector<double>{0.4, 0.6, 0.8});  // one view
+  // If a view takes 0.3 s, there is no time for a sample at 20 % of the run.
+  CHECK(simulate_sample(200, 60, 0.3).shares == std::vector<double>{0.4, 0.6, 0.8});
   CHECK(simulate_sample(200, 60, 2).shares.empty());
   CHECK(simulate_sample(0, 60, 0).shares.empty());
   for (const double each : {0.001, 0.02, 0.05, 0.1, 0.3, 0.9})
     CHECK(simulate_sample(200, 60, each).spent <= 1.2);
-  // A run with a time budget also ends at most 2 s later.
+  // In a run with a time budget, all samples together also take at most 2 s.
   for (const double each : {0.02, 0.1, 0.3, 0.9}) CHECK(simulate_sample(200, 3600, each, true).spent <= 2);
   CHECK(simulate_sample(200, 3600, 0.1, true).shares == all);
   CHECK(simulate_sample(200, 3600, 0.1, false).views.size() == 8);
@@ -99,7 +102,7 @@ Sampled sampled_run(Device& device, const TrainSettings& settings, const test::D
   return run;
 }
 
-TEST_CASE("test sample: the model does not depend on it", "[time]") {
+TEST_CASE("test sample: the model does not depend on the sample", "[time]") {
   const test::Data data = test::synthetic("glossy", 16, 3);
   TrainSettings settings = test::short_run(3, 60, 200);
   settings.log_every = 4;
@@ -107,18 +110,19 @@ TEST_CASE("test sample: the model does not depend on it", "[time]") {
   const auto device = devices_under_test()[0];
   const Sampled without = sampled_run(*device, settings, data, false, 0);
   CHECK(without.samples.empty());
-  // A clock that stands still: all views are measured after the first row of the log at each share.
+  // If the clock does not advance, measurements cost no time, so all views are measured. This happens at the
+  // first iterations that are logged after 20, 40, 60 and 80 % of the run.
   const Sampled often = sampled_run(*device, settings, data, true, 0);
   CHECK(often.iterations == std::vector<int>{12, 24, 36, 48, 60});
   CHECK(often.samples.back().views == 4);
   CHECK(often.samples.back().psnr == Approx(often.test.mean.psnr_channel_mean));
   CHECK(often.samples.front().psnr < often.samples.back().psnr);
-  // A view takes as long as a step, which is too long.
+  // If the clock advances with each call, a view takes as long as a step, so there is no time for a sample.
   const Sampled never = sampled_run(*device, settings, data, true, 1);
   CHECK(never.samples.empty());
   for (const Sampled* other : {&often, &never})
     CHECK(test::same_bits(without.model.values, other->model.values));
-  // The values are those of an evaluation at the same iteration.
+  // The values of the samples are equal to those of evaluations at the same iterations.
   settings.eval_every = "12";
   RestlessTime still;
   Trainer trainer(*device, settings, data.train, data.test, test::start(settings), alone(), still);

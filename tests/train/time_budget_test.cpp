@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tests time budgets: the number of iterations for measured costs, how a run respects its time on simulated
-// machines that are faster, slower or loaded, and that its settings reproduce it without a clock.
+// Tests time budgets (--budget): the number of iterations that is chosen from measured step times, that runs
+// end in time on simulated machines that are faster, slower or loaded, and that the settings of a finished
+// run give the same model without a clock.
 #include "host/train/time_budget.hpp"
 
 #include <catch2/catch.hpp>
@@ -24,18 +25,20 @@ Split views_of(int side) {
   return {"train", {view}};
 }
 
-// On full images, a step takes 2 ms per thousand splats plus 1 ms. On the coarsest level it takes a fifth of
-// this time.
+// Returns step times for three levels of the image pyramid. On full images, a step takes 1 ms, plus 1 ms per
+// thousand splats. On images of half the size, it takes half of this time, and on the smallest images a
+// fifth.
 std::vector<StepCost> some_costs() { return {{4, 0.2, 0.0002, 0}, {2, 0.5, 0.0005, 0}, {1, 1, 0.001, 0}}; }
 
 TimeBudget budget_of(double seconds) { return {.seconds = seconds, .spent = 0.5, .costs = some_costs()}; }
 
-// The difference between a machine and the measured costs: the factor of the step time, and additional time.
+// Describes how a simulated machine differs from the measured step times. `slowness` returns the factor of
+// the step time after a number of seconds.
 struct Machine {
   const char* name;
   std::function<double(double seconds)> slowness;
-  double stop_at = -1, stop = 0;  // seconds
-  double coarse = 1;              // further factor of steps on reduced images
+  double stop_at = -1, stop = 0;  // the machine stops after `stop_at` seconds, for `stop` seconds; -1: never
+  double coarse = 1;              // additional factor for steps on reduced images
 };
 
 std::vector<Machine> machines() {
@@ -43,12 +46,12 @@ std::vector<Machine> machines() {
   return {{"as measured", constant(1)},
           {"a third slower", constant(1.3)},
           {"ten times slower", constant(10)},
-          {"ten times quicker", constant(0.1)},
+          {"ten times faster", constant(0.1)},
           {"a load in the middle", [](double s) { return s > 15 && s < 30 ? 3.0 : 1.0; }},
           {"a load at the end", [](double s) { return s > 30 ? 3.0 : 1.0; }},
-          {"a load at first", [](double s) { return s < 10 ? 4.0 : 1.0; }},
-          {"small images slower than thought", constant(1), -1, 0, 2.5},
-          {"small images quicker than thought", constant(1), -1, 0, 0.4},
+          {"a load at the beginning", [](double s) { return s < 10 ? 4.0 : 1.0; }},
+          {"reduced images slower than measured", constant(1), -1, 0, 2.5},
+          {"reduced images faster than measured", constant(1), -1, 0, 0.4},
           {"a load that comes and goes", [](double s) { return std::fmod(s, 4) < 2 ? 2.0 : 1.0; }},
           {"a stop of six seconds", constant(1), 20, 6}};
 }
@@ -59,8 +62,9 @@ struct Simulated {
   int first_iterations = 0;
 };
 
-// Simulates the run of a budget on such a machine like Trainer, but without a device.
-// At `end_early`, the run is completed within cooldown_seconds().
+// Simulates a run with a time budget on a machine. Does the same as Trainer, but without a device. After
+// `end_early` seconds, the user ends the run early, so that the rest of the schedule must be completed within
+// cooldown_seconds().
 Simulated simulate(TimeBudget asked, const TrainSettings& base, std::size_t points, const Machine& machine,
                    double end_early = 1e9) {
   const Split train = views_of(800);
@@ -107,7 +111,7 @@ Simulated simulate(TimeBudget asked, const TrainSettings& base, std::size_t poin
 
 }  // namespace
 
-TEST_CASE("time budget: times are parsed", "[budget]") {
+TEST_CASE("time budget: durations are parsed, and invalid ones are rejected", "[budget]") {
   for (const auto& [text, seconds] : {std::pair{"90", 90.0},
                                       {"90s", 90.0},
                                       {"1.5m", 90.0},
@@ -131,13 +135,14 @@ TEST_CASE("time budget: the time of a schedule is the sum of its steps and sweep
   CHECK(time.steps_left(0) == Approx(1e-3 * (0.25 * 0.6 + 0.25 * 1.5 + 0.5 * 3)));
   CHECK(time.steps_left(0.75) == Approx(1e-3 * 0.25 * 3));
   CHECK(time.steps_left(1) == 0);
-  CHECK(time.sweeps_left(0) == Approx(10));  // of twenty between 0.1 and 0.9
+  // Cameras are refined 20 times. Half of the refinements use full images, on which one takes 1 s.
+  CHECK(time.sweeps_left(0) == Approx(10));
   CHECK(time.sweeps_left(0.95) == 0);
   CHECK_THROWS_AS(
       WorkTime({some_costs()[0]}, Schedule(settings, 2000), pyramid_levels(settings, views_of(800))), Error);
 }
 
-TEST_CASE("time budget: the iterations are as many as fit the budget at the measured costs", "[budget]") {
+TEST_CASE("time budget: as many iterations are chosen as fit into the budget", "[budget]") {
   const Split train = views_of(800);
   int before = 0;
   for (const double seconds : {5.0, 30.0, 90.0, 600.0}) {
@@ -157,7 +162,8 @@ TEST_CASE("time budget: the iterations are as many as fit the budget at the meas
   const std::string refusal =
       message_of([&] { choose_iterations(budget_of(0.1), fast_settings(), train, 9000); }, ErrorKind::usage);
   CHECK(refusal.find("increase the budget") != std::string::npos);
-  // If only the preparation took too long, the run gets the minimum, and the time for it.
+  // If preparing the run has taken longer than the budget, the run gets the minimum number of iterations, and
+  // the budget is increased for them.
   TimeBudget late = budget_of(20);
   late.spent = 50;
   std::string warning;
@@ -170,7 +176,8 @@ TEST_CASE("time budget: the iterations are as many as fit the budget at the meas
   CHECK(warning.find("50 s of the budget of 20 s passed") != std::string::npos);
 }
 
-TEST_CASE("time budget: it is respected within 2 % and 2 s on fast, slow and loaded machines", "[budget]") {
+TEST_CASE("time budget: on fast, slow and loaded machines, runs miss the budget by at most 2 % and 2 s",
+          "[budget]") {
   std::vector<StepCost> with_sweeps = some_costs();
   for (StepCost& cost : with_sweeps) cost.sweep_ms = 300.0 / cost.factor;
   for (const Machine& machine : machines())
@@ -184,7 +191,8 @@ TEST_CASE("time budget: it is respected within 2 % and 2 s on fast, slow and loa
       const Simulated run = simulate(budget, base, 9000, machine);
       INFO(machine.name << (sweeps ? ", with sweeps: " : ": ") << run.seconds << " s, "
                         << run.settings.iterations << " iterations, first " << run.first_iterations);
-      const bool all = run.settings.iterations == kScheduleLength;  // more time would change nothing
+      // A run with the maximum number of iterations may end earlier.
+      const bool all = run.settings.iterations == kScheduleLength;
       const double tolerance = std::min(0.02 * seconds, 2.0);
       if (!all) CHECK(run.seconds > seconds - tolerance);
       CHECK(run.seconds < seconds + tolerance);
@@ -193,21 +201,22 @@ TEST_CASE("time budget: it is respected within 2 % and 2 s on fast, slow and loa
     }
 }
 
-TEST_CASE("time budget: the cool-down of a run that ends early", "[budget]") {
+TEST_CASE("time budget: a run that is ended early gets 10 % of its time, 5 to 60 s, to complete the schedule",
+          "[budget]") {
   CHECK(cooldown_seconds(200, 300) == Approx(20));
   CHECK(cooldown_seconds(10, 300) == 5);
   CHECK(cooldown_seconds(3600, 3600) == 60);
   CHECK(cooldown_seconds(200, 3) == 3);
 }
 
-TEST_CASE("time budget: a run that ends early completes its schedule in time", "[budget]") {
+TEST_CASE("time budget: a run that is ended early completes its schedule in time", "[budget]") {
   for (const Machine& machine : machines())
     for (const double end_early : {60.0, 200.0, 350.0}) {
       const Simulated run = simulate(budget_of(400), fast_settings(), 9000, machine, end_early);
       INFO(machine.name << ", ended early at " << end_early << " s: " << run.seconds << " s, "
                         << run.settings.iterations << " iterations");
       if (run.settings.iterations == kScheduleLength) continue;
-      CHECK(run.seconds == Approx(1.1 * end_early).margin(2));  // largest error 1.04 s, one slow step
+      CHECK(run.seconds == Approx(1.1 * end_early).margin(2));  // largest error 1.04 s, due to one slow step
       CHECK(run.settings.work_shares.find('@') != std::string::npos);
       CHECK(share_points(run.settings).back().share == 1);
     }
@@ -220,7 +229,7 @@ TEST_CASE("time budget: a run that has lost time ends soon, with its complete sc
   CHECK(share_points(run.settings).back().share == 1);
 }
 
-TEST_CASE("time budget: if the iterations fit, the clock changes no settings", "[budget]") {
+TEST_CASE("time budget: if the maximum of iterations fits, settings do not depend on the clock", "[budget]") {
   std::vector<std::string> shares;
   for (const Machine& machine : machines()) {
     TimeBudget budget = budget_of(1e5);
@@ -261,11 +270,14 @@ void check_repeats(Device& device, const test::Data& data, const TrainSettings& 
   CHECK(test::same_bits(again.model().values, values));
 }
 
-// Iterations take `seconds_of` on the simulated clock. `from` is a state to resume from, with its settings.
+// A state of a run, and the settings of the run at this time.
 struct Kept {
   TrainState state;
   TrainSettings settings;
 };
+// Trains with a budget and a simulated clock, on which iteration i takes seconds_of(i) seconds. If `from` is
+// not null, resumes the run from this state. If `keep_at_80` is not null, stores the state at iteration 80
+// there. If `budget_seconds` is not 0, it replaces the budget.
 Trained train_in_time(Device& device, const test::Data& data, TrainSettings settings,
                       const std::function<double(int)>& seconds_of, const Kept* from = nullptr,
                       Kept* keep_at_80 = nullptr, double budget_seconds = 0) {
@@ -297,7 +309,7 @@ Trained train_in_time(Device& device, const test::Data& data, TrainSettings sett
 
 }  // namespace
 
-TEST_CASE("time budget: settings reproduce the run without a clock, and so does resuming it", "[budget]") {
+TEST_CASE("time budget: the settings of a finished or resumed run give the same model again", "[budget]") {
   const test::Data data = test::synthetic("glossy", 32, 4);
   const TrainSettings settings = budgeted_settings();
   const auto as_measured = [](int) { return 0.1; };
@@ -329,8 +341,8 @@ TEST_CASE("time budget: settings reproduce the run without a clock, and so does 
       CHECK(continued.seconds == Approx(30).margin(0.6));
       const std::string begun = kept.settings.work_shares;
       CHECK(continued.settings.work_shares.starts_with(begun));
-      // Resumes with less or more time for the rest of the run. The schedule is complete, and the settings
-      // reproduce the run.
+      // Resumes the run with less or more time for the rest. The schedule must be completed, and the settings
+      // must give the same model again.
       for (const double more : {5.0, 40.0}) {
         const double end = kept.state.seconds + more;
         const Trained other = train_in_time(*device, data, settings, seconds_of, &kept, nullptr, end);
@@ -342,7 +354,8 @@ TEST_CASE("time budget: settings reproduce the run without a clock, and so does 
     }
 }
 
-TEST_CASE("time budget: a run that ends early can be repeated, and resumed from before", "[budget]") {
+TEST_CASE("time budget: a run that was ended early can be repeated, and resumed with its full time",
+          "[budget]") {
   const test::Data data = test::synthetic("glossy", 32, 4);
   const TrainSettings settings = budgeted_settings();
   TimeBudget budget = small_budget();
@@ -376,10 +389,10 @@ TEST_CASE("time budget: a run that ends early can be repeated, and resumed from 
     CHECK(end == Approx(at_request + 5.1).margin(0.4));
     CHECK(share_points(ended).back().share == 1);
     CHECK(WorkShare(ended).at(76) == kLastPart);
-    // The settings repeat the run without a clock.
+    // The settings give the same model without a clock.
     check_repeats(*device, data, ended, trainer.model().values);
-    // The last state that was saved is that before the cool-down. A run that continues there is the one that
-    // would have taken place without complete_in().
+    // The last state was saved before the run began to complete its schedule. A run that is resumed from this
+    // state continues as if complete_in() had not been called.
     REQUIRE(kept.size() == 1);
     CHECK(kept[0].state.iteration == 75);
     CHECK(kept[0].settings.work_shares.find('@') == std::string::npos);
@@ -390,7 +403,7 @@ TEST_CASE("time budget: a run that ends early can be repeated, and resumed from 
   }
 }
 
-TEST_CASE("time budget: a finished run goes on for a time, and can be repeated", "[budget]") {
+TEST_CASE("time budget: a finished run can be continued for a given time, and repeated", "[budget]") {
   const test::Data data = test::synthetic("glossy", 32, 4);
   const TrainSettings settings = budgeted_settings();
   TimeBudget budget = small_budget();
@@ -429,10 +442,10 @@ TEST_CASE("time budget: a finished run goes on for a time, and can be repeated",
   }
 }
 
-TEST_CASE("time budget: a run without time has a valid last point", "[budget]") {
+TEST_CASE("time budget: if no time is left, work_shares is still valid", "[budget]") {
   TrainSettings settings = fast_settings();
   settings.iterations = 136;
-  settings.work_shares = "36:0.999999";  // at the end of a budget that was much too long for the work
+  settings.work_shares = "36:0.999999";  // nearly all work is done, as after a budget that was much too long
   TimeBudget budget = budget_of(10);
   budget.most_iterations = 16000;
   BudgetPace pace(budget, settings, views_of(800), 9000);
@@ -442,7 +455,7 @@ TEST_CASE("time budget: a run without time has a valid last point", "[budget]") 
   CHECK(share_points(settings).back().share == 1);
 }
 
-TEST_CASE("time budget: splats for which there is no time are not added", "[budget]") {
+TEST_CASE("time budget: if steps are slower than expected, fewer splats are added", "[budget]") {
   const test::Data data = test::synthetic("glossy", 32, 4);
   const TrainSettings settings = budgeted_settings();
   for (const auto& device : devices_under_test()) {
@@ -456,7 +469,7 @@ TEST_CASE("time budget: splats for which there is no time are not added", "[budg
   }
 }
 
-TEST_CASE("time budget: steps are measured on every level, and the initial splats are not changed",
+TEST_CASE("time budget: measure_steps() measures every level and does not change the initial splats",
           "[budget]") {
   const test::Data data = test::synthetic("glossy", 144, 4);
   for (const auto& device : devices_under_test())
@@ -468,7 +481,7 @@ TEST_CASE("time budget: steps are measured on every level, and the initial splat
       const std::vector<float> before = initial.values;
       const std::vector<StepCost> costs = measure_steps(*device, settings, data.train, initial, 1600);
       CHECK(initial.values == before);
-      REQUIRE(costs.size() == 2);  // an image with a quarter of 144 pixels would be too small
+      REQUIRE(costs.size() == 2);  // there is no level with a quarter of 144 pixels, which is too small
       CHECK(costs[0].factor == 2);
       CHECK(costs[1].factor == 1);
       for (const StepCost& cost : costs) {

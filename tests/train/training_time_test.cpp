@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tests evaluations and checkpoints by seconds with a simulated clock: when they take place on fast, slow and
-// loaded machines and after a pause, and that the model does not depend on them.
+// Tests evaluations and checkpoints whose intervals are set in seconds, with a simulated clock: when they
+// take place on fast, slow and loaded machines and after a pause, and that the model does not depend on them.
 #include <catch2/catch.hpp>
 #include <cmath>
 #include <functional>
@@ -15,7 +15,7 @@ namespace {
 constexpr int kIterations = 60;
 constexpr double kInterval = 10;  // seconds
 
-// A machine, described by the duration of each iteration.
+// A simulated machine, which is described by the duration of each iteration.
 struct Course {
   const char* name;
   std::function<double(int iteration)> seconds;
@@ -32,12 +32,13 @@ std::vector<Course> courses() {
 
 struct TimedRun {
   std::vector<int> evaluations, saves;  // iterations
-  std::vector<double> seconds;          // of training, after each iteration
+  std::vector<double> seconds;          // training time that is reported after each iteration
   SplatModel model;
 };
 
-// The time of an iteration passes before the next one is measured. The time of an iteration in which a state
-// is saved is not counted, because saving is not training.
+// Runs a training with evaluations or, if `saves` is true, with saved states every 10 seconds. The clock
+// advances after each iteration. The time of an iteration in which a state is saved is not counted, because
+// saving is not training.
 TimedRun run_timed(Device& device, TrainSettings settings, const test::Data& data, bool saves,
                    const Course& course) {
   if (!saves) settings.eval_every = "10s";
@@ -57,13 +58,14 @@ TimedRun run_timed(Device& device, TrainSettings settings, const test::Data& dat
   return run;
 }
 
+// Returns the iterations first, first + step, ... before the last one.
 std::vector<int> every(int first, int step) {
   std::vector<int> iterations;
   for (int i = first; i < kIterations; i += step) iterations.push_back(i);
   return iterations;
 }
 
-TEST_CASE("training time: evaluations by seconds follow the clock, the model does not", "[time]") {
+TEST_CASE("training time: evaluations take place every ten seconds, and do not change the model", "[time]") {
   const test::Data data = test::synthetic("glossy", 16, 3);
   const TrainSettings settings = test::short_run(3, kIterations, 200);
   const auto device = devices_under_test()[0];
@@ -87,7 +89,7 @@ TEST_CASE("training time: evaluations by seconds follow the clock, the model doe
   }
 }
 
-TEST_CASE("training time: states are passed after a number of seconds of training", "[time]") {
+TEST_CASE("training time: states are saved every ten seconds of training", "[time]") {
   const test::Data data = test::synthetic("glossy", 16, 3);
   const TrainSettings settings = test::short_run(3, kIterations, 200);
   const auto device = devices_under_test()[0];
@@ -96,9 +98,10 @@ TEST_CASE("training time: states are passed after a number of seconds of trainin
     return run_timed(*device, settings, data, true, course).saves;
   };
   const std::vector<Course> all = courses();
-  CHECK(saves(all[0]) == every(11, 11));  // ten iterations that count and the one that saves
+  // Ten iterations take 10 s. The time of the iteration that saves is not counted.
+  CHECK(saves(all[0]) == every(11, 11));
   CHECK(saves(all[1]) == every(2, 2));
-  CHECK(saves(all[2]).empty());  // 6 s in all
+  CHECK(saves(all[2]).empty());  // the run only takes 6 s
   const std::vector<int> loaded = saves(all[3]);
   CHECK(loaded == std::vector<int>{11, 22, 26, 30, 34, 38, 43, 54});
   // A long pause counts as one interval, and the next ones start after it.

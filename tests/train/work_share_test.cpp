@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tests the share of the completed work: it is proportional to the iterations, or interpolates recorded
-// points, and the whole schedule depends on it.
+// Tests WorkShare, the share of the schedule that is completed after an iteration. It is proportional to the
+// number of iterations, or interpolates the points of the setting work_shares. Everything in the schedule
+// depends on it.
 #include "host/train/work_share.hpp"
 
 #include <algorithm>
@@ -29,7 +30,7 @@ TrainSettings settings_of(int iterations, const std::string& shares = {}) {
   return resolve_automatic(s);
 }
 
-// A run with a random number of recorded points, between which its speed is random.
+// Returns settings with up to `points` random points in work_shares.
 TrainSettings random_course(std::mt19937& random, int points) {
   std::uniform_int_distribution<int> apart(1, 60);
   std::uniform_real_distribution<double> step(0.001, std::min(0.9, 1.8 / points));
@@ -53,7 +54,7 @@ std::vector<PyramidLevel> levels_of(const TrainSettings& settings) {
 
 }  // namespace
 
-TEST_CASE("work share: a finished run that was continued repeats the last part", "[schedule]") {
+TEST_CASE("work share: a continued run repeats the last part of its schedule", "[schedule]") {
   const std::string first = "60:0.5,100:1";
   const WorkShare before(settings_of(100, first)), work(settings_of(200, first + ",101:0.85,150:0.9"));
   for (int i = 1; i <= 100; ++i) CHECK(work.at(i) == before.at(i));
@@ -62,7 +63,7 @@ TEST_CASE("work share: a finished run that was continued repeats the last part",
   CHECK(work.at(200) == 1);
   for (const double share : {0.3, 0.5, 0.85, 0.95, 1.0})
     CHECK(work.iteration_at(share * work.steps()) == before.iteration_at(share * before.steps()));
-  CHECK(work.iterations_per_share(101) == Approx(49 / 0.05));  // the speed of the next iterations
+  CHECK(work.iterations_per_share(101) == Approx(49 / 0.05));  // from iteration 101 to 150
   const Schedule schedule(settings_of(200, first + ",101:0.85,150:0.9"), 1000);
   for (int i = 101; i <= 200; ++i) CHECK_FALSE(schedule.refines(i));
 
@@ -70,7 +71,7 @@ TEST_CASE("work share: a finished run that was continued repeats the last part",
              Catch::Contains("the first invalid entry follows '60:0.5'"));
 }
 
-TEST_CASE("work share: without points it is proportional to the iterations", "[schedule]") {
+TEST_CASE("work share: without points, the share is proportional to the iterations", "[schedule]") {
   for (const int iterations : {1, 7, 1000, 16001, 30000}) {
     const TrainSettings settings = settings_of(iterations);
     const WorkShare work(settings);
@@ -89,7 +90,7 @@ TEST_CASE("work share: without points it is proportional to the iterations", "[s
   }
 }
 
-TEST_CASE("work share: it is linear between points, and the last segment ends with the run", "[schedule]") {
+TEST_CASE("work share: the share is linear between points, and 1 at the end of the run", "[schedule]") {
   const TrainSettings settings = settings_of(400, "100:0.5,200:0.6");
   const WorkShare work(settings);
   CHECK(work.at(0) == 0);
@@ -104,10 +105,10 @@ TEST_CASE("work share: it is linear between points, and the last segment ends wi
   CHECK(work.iterations_per_share(100) == Approx(200));
   CHECK(work.iterations_per_share(101) == Approx(1000));
   CHECK(work.last().iteration == 200);
-  // Published iterations are converted to shares: 1500 of 30 000 are a twentieth of the work.
+  // Settings in iterations of the published schedule, which has 30 000, are converted to shares of the work.
   const Schedule schedule(settings, 1000);
   CHECK_FALSE(schedule.regularises(3));
-  CHECK(schedule.regularises(4));  // 500 of 30 000 are 3.3 iterations here
+  CHECK(schedule.regularises(4));  // iteration 500 of 30 000 is iteration 3.3 here
   const ParameterLayout layout(6);
   const Schedule plain(settings_of(1000), 1000);
   for (const int i : {50, 100, 150, 300, 390})
@@ -126,7 +127,7 @@ TEST_CASE("work share: later points do not change earlier iterations", "[schedul
     const std::vector<PyramidLevel> levels = levels_of(settings);
     INFO(settings.work_shares);
     for (std::size_t known = 1; known < course.size(); ++known) {
-      // This is the schedule that the run used at that time, when it expected a different end.
+      // The schedule when only these points were known, and the run was expected to end at another iteration.
       const int until = course[known - 1].iteration;
       const TrainSettings then = settings_of(
           until + 1 + run % 90, to_string({course.begin(), course.begin() + static_cast<long>(known)}));
@@ -143,7 +144,8 @@ TEST_CASE("work share: later points do not change earlier iterations", "[schedul
   }
 }
 
-TEST_CASE("work share: a run that leaves the way to a point keeps its earlier iterations", "[schedule]") {
+TEST_CASE("work share: changing the schedule between two points does not change earlier iterations",
+          "[schedule]") {
   std::mt19937 random(3);
   int tested = 0;
   for (int run = 0; run < 200; ++run) {
@@ -157,7 +159,7 @@ TEST_CASE("work share: a run that leaves the way to a point keeps its earlier it
     CHECK(WorkShare(after).last().iteration == at);
     CHECK(WorkShare(after).last().share == WorkShare(before).at(at));
     CHECK(shares_until(after, at) == after.work_shares);
-    // The rest of the work is done at another pace, after a jump if `run` is even.
+    // The rest of the work is done with another speed. If `run` is even, the share first jumps ahead.
     course = share_points(after);
     const double share = WorkShare(before).at(at), rest = 1 - share;
     if (run % 2 == 0) course.push_back({at + 1, share + 0.7 * rest});
@@ -181,19 +183,19 @@ TEST_CASE("work share: a run that leaves the way to a point keeps its earlier it
     }
     for (int i = at; i < after.iterations; ++i) REQUIRE(now.work().at(i) < now.work().at(i + 1));
     CHECK(now.work().at(after.iterations) == 1);
-    // A part of it that is left again, as after a second change of the time.
+    // The schedule can be changed again at a later iteration.
     const int again = std::max(at + 1, after.iterations - 1);
     CHECK(shares_until(after, again).starts_with(shares_until(before, at) + ","));
   }
   CHECK(tested > 1000);
 }
 
-TEST_CASE("work share: a run with points has the refinements, the growth and the sweeps of its schedule",
+TEST_CASE("work share: a run with points has all refinements, camera refinements and splats of the schedule",
           "[schedule]") {
   std::mt19937 random(2);
   TrainSettings settings = random_course(random, 12);
   std::vector<SharePoint> course = share_points(settings);
-  for (SharePoint& point : course) point.iteration *= 40;  // many iterations per refinement
+  for (SharePoint& point : course) point.iteration *= 40;  // many iterations between refinements
   settings.iterations *= 40;
   settings.work_shares = to_string(course);
   settings.refine.step = 1000;
@@ -208,7 +210,7 @@ TEST_CASE("work share: a run with points has the refinements, the growth and the
     splats = schedule.grown(splats, i);
     CHECK(schedule.splats_at(schedule.work().at(i) + 1e-4) == splats);
   }
-  CHECK(refinements == 24);  // of 1000 steps, after 500 and before 25 000
+  CHECK(refinements == 24);  // every 1000 of the 30 000 published iterations, after 500 and before 25 000
   CHECK(sweeps == 20);
   CHECK(splats == schedule.splats_at(1));
   TrainSettings stopped = settings;

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tests poses, camera paths, and the estimated frame of a scene.
+// Tests poses, camera paths, and SceneFrame, the estimated centre, up direction and size of a scene, from
+// which camera paths are computed.
 #include "host/api/camera_path.hpp"
 
 #include <catch2/catch.hpp>
@@ -17,7 +18,7 @@ using test::distance;
 namespace {
 
 constexpr double kDegree = std::numbers::pi / 180;
-// Rounding of double precision. The largest error observed here was 1.3e-15.
+// Bound of rounding errors in double precision. The largest error observed here was 1.3e-15.
 constexpr double kExact = 3e-15;
 
 // Returns the angle between two rotations.
@@ -41,14 +42,14 @@ SceneFrame tilted_frame() {
   return frame;
 }
 
-// Returns how far the view direction misses the point, as the sine of an angle.
+// Returns the sine of the angle between the view direction and the direction to the point.
 double miss(const Pose& pose, const Vec3& target) {
   return length(cross(pose.forward(), normalised(target - pose.position)));
 }
 
 }  // namespace
 
-TEST_CASE("pose: matrices, quaternions and cameras agree") {
+TEST_CASE("pose: look_at() gives the right pose, and conversion to a camera and back does not change it") {
   Random random(5);
   for (int i = 0; i < 200; ++i) {
     const auto number = [&] { return random.uniform(-1, 1); };
@@ -67,14 +68,14 @@ TEST_CASE("pose: matrices, quaternions and cameras agree") {
     CHECK(back.fov == Approx(pose.fov).epsilon(1e-12));
     CHECK(back.time == 0.25);
   }
-  // A direction straight up and a zero direction also give rotations.
+  // If the target is straight above the position or equal to it, the result must still be a rotation.
   for (const Vec3& target : {Vec3{0, 0, 5}, Vec3{0, 0, 0}}) {
     const Pose pose = look_at({0, 0, 0}, target, {0, 0, 1});
     CHECK(distance(cross(pose.right(), pose.down()), pose.forward()) < kExact);
   }
 }
 
-TEST_CASE("slerp keeps its speed and takes the shorter way") {
+TEST_CASE("slerp() interpolates rotations with constant speed along the shorter arc") {
   const Pose a = look_at({0, 0, 0}, {1, 0, 0}, {0, 0, 1}), b = look_at({0, 0, 0}, {-0.2, 1, 0.3}, {0, 0, 1});
   const Quaternion negative{-b.rotation.w, -b.rotation.x, -b.rotation.y, -b.rotation.z};
   CHECK(angle(slerp(a.rotation, b.rotation, 0), a.rotation) < kExact);
@@ -89,7 +90,7 @@ TEST_CASE("slerp keeps its speed and takes the shorter way") {
   }
 }
 
-TEST_CASE("orbit: closed, constant distance and elevation, looks at the centre") {
+TEST_CASE("orbit: the path is closed, has a constant distance and elevation, and looks at the centre") {
   const SceneFrame frame = tilted_frame();
   for (const double loops : {1.0, 3.0, -1.0}) {
     const auto path = orbit_path(frame, 0.7, loops);
@@ -113,7 +114,7 @@ TEST_CASE("orbit: closed, constant distance and elevation, looks at the centre")
         1e-13);
 }
 
-TEST_CASE("spiral: closed, stays near the mean pose, looks at its focus") {
+TEST_CASE("spiral: the path is closed, stays near the mean pose, and looks at its focus") {
   const SceneFrame frame = tilted_frame();
   const auto path = spiral_path(frame, 0.7, 2);
   const Vec3 target = frame.mean.position + 4.5 * frame.mean.forward();
@@ -134,7 +135,7 @@ TEST_CASE("spiral: closed, stays near the mean pose, looks at its focus") {
   CHECK(high == Approx(0.4 / 3).epsilon(0.01));
 }
 
-TEST_CASE("paths pass exactly through keyframes, without jumps or kinks") {
+TEST_CASE("keyframes: the path passes exactly through keyframes, without jumps or kinks") {
   std::vector<Pose> keys;
   Random random(9);
   for (int i = 0; i < 6; ++i) {
@@ -160,27 +161,27 @@ TEST_CASE("paths pass exactly through keyframes, without jumps or kinks") {
     const auto velocity = [&](double u) { return 1 / h * (path->at(u + h).position - path->at(u).position); };
     for (double u = h; u < 1 - 3 * h; u += h) {
       CHECK(distance(path->at(u).position, path->at(u + h).position) < 98 * h);  // observed 49
-      // The acceleration is at most 713. A kink would be a jump of the velocity, of the order of 10.
+      // The observed acceleration is at most 713. At a kink, the velocity would change by about 10 at once.
       CHECK(distance(velocity(u), velocity(u + h)) < 1400 * h);
     }
   }
   CHECK(distance(keyframe_path({keys[2]}, true, false)->at(0.7).position, keys[2].position) == 0);
 }
 
-TEST_CASE("times of a path: closed paths do not repeat their start") {
+TEST_CASE("path_moments() does not repeat the start of a closed path at its end") {
   CHECK(path_moments(4, true) == std::vector<double>{0, 0.25, 0.5, 0.75});
   CHECK(path_moments(5, false) == std::vector<double>{0, 0.25, 0.5, 0.75, 1});
   CHECK(path_moments(1, false) == std::vector<double>{0});
 }
 
-TEST_CASE("weighted quantiles") {
+TEST_CASE("weighted_quantile() uses the weights, and ignores NaN and values with the weight 0") {
   CHECK(weighted_quantile({{3, 1}, {1, 1}, {2, 1}}, 0.5) == 2);
   CHECK(weighted_quantile({{1, 1}, {2, 1}, {100, 5}}, 0.5) == 100);
   CHECK(weighted_quantile({{1, 0}, {2, 1}, {NAN, 9}}, 0.0) == 2);
   CHECK(weighted_quantile({}, 0.5) == 0);
 }
 
-TEST_CASE("scene frame: from cameras around a point") {
+TEST_CASE("scene frame: for cameras around a point, the frame has their centre, distance and up direction") {
   std::vector<Camera> cameras;
   const Vec3 centre{0.5, 2, -1}, up = normalised({0, -1, 0.2});
   SceneFrame around;
@@ -192,7 +193,7 @@ TEST_CASE("scene frame: from cameras around a point") {
   const auto orbit = orbit_path(around, 0.8, 1);
   for (const double u : path_moments(12, true)) cameras.push_back(camera_at(orbit->at(u), {}));
   const SceneFrame frame = scene_frame(MixedModel(SplatModel(3, 0)), cameras);
-  // Least squares of 12 intersecting rays. Observed: 2e-15.
+  // The centre is the point nearest to 12 rays, which intersect here. Observed error: 2e-15.
   CHECK(distance(frame.centre, centre) < 1e-14);
   CHECK(distance(frame.up, up) < 1e-14);
   CHECK(frame.distance == Approx(4).epsilon(1e-12));
@@ -227,7 +228,7 @@ TEST_CASE("scene frame: an orbit is only suitable for cameras on all sides") {
   CHECK_FALSE(seen_around(kTurn, 3));
 }
 
-// A figure with a height of 2, and a room around it with most of the splats.
+// Returns a figure with a height of 2, and a room around it. Two thirds of the splats are in the room.
 MixedModel figure_in_room() {
   SplatModel model(3, 3000);
   Random random(7);
@@ -239,7 +240,7 @@ MixedModel figure_in_room() {
   return MixedModel(model);
 }
 
-TEST_CASE("start camera: the first that shows the whole subject") {
+TEST_CASE("start camera: the first camera that shows the whole subject is chosen") {
   const double fov = 0.7;  // shows a height of 2.2 from a distance of 3
   std::vector<Camera> cameras;
   const auto add = [&](double azimuth, double distance, double height) {
@@ -248,22 +249,22 @@ TEST_CASE("start camera: the first that shows the whole subject") {
     pose.fov = fov;
     cameras.push_back(camera_at(pose, {.width = 64, .height = 64, .extra = {}}));
   };
-  add(0, 2.5, 0);  // cuts head and feet off
+  add(0, 2.5, 0);  // too close to show the whole figure
   add(1.5, 3, 0.5);
   add(3, 3.5, 0);
   add(4.5, 3.6, 0);
   CHECK(start_camera(figure_in_room(), cameras) == 2);
-  // The order decides among cameras that show as much.
+  // If several cameras show the whole figure, the first one is chosen.
   std::swap(cameras[2], cameras[3]);
   CHECK(start_camera(figure_in_room(), cameras) == 2);
-  // Without a point that the cameras look at, all splats count.
+  // A single camera does not determine the point that cameras look at, so the subject consists of all splats.
   CHECK(start_camera(figure_in_room(), std::span(cameras).first(1)) == 0);
   CHECK(start_camera(MixedModel(SplatModel(3, 0)), cameras) == 0);
 }
 
-// D-NeRF's cameras are distributed randomly over a hemisphere, and the mean of their up axes is tilted by 24
-// degrees.
-TEST_CASE("scene frame: unevenly distributed cameras do not tilt it") {
+// The cameras of D-NeRF scenes are distributed randomly over a hemisphere, so that the mean of their up axes
+// is tilted by 24 degrees. The up direction of the frame must not be tilted.
+TEST_CASE("scene frame: the up direction is correct for unevenly distributed cameras") {
   const Vec3 up{0, 0, 1};
   std::vector<Camera> cameras;
   for (const auto& [azimuth, elevation] :
@@ -273,14 +274,14 @@ TEST_CASE("scene frame: unevenly distributed cameras do not tilt it") {
     cameras.push_back(camera_at(look_at(at, {0, 0, 0}, up), {}));
   }
   const SceneFrame frame = scene_frame(MixedModel(SplatModel(3, 0)), cameras);
-  CHECK(distance(frame.up, up) < 1e-6);  // 4 steps of the power method
+  CHECK(distance(frame.up, up) < 1e-6);  // computed with four steps of the power method
   // If all cameras are at one position, only the mean can be used.
   const std::vector<Camera> same(3, cameras[0]);
   const Vec3 leaning = scene_frame(MixedModel(SplatModel(3, 0)), same).up;
   CHECK(leaning[2] == Approx(std::cos(1.2)).epsilon(1e-6));
 }
 
-TEST_CASE("scene frame: a few outliers among the splats do not move it") {
+TEST_CASE("scene frame: distant and faint splats do not move the centre") {
   SplatModel model(6, 1000);
   Random random(3);
   for (std::size_t i = 0; i < model.count; ++i) {
@@ -321,8 +322,9 @@ double least_shown(const SplatModel& model, const SceneFrame& frame, int width, 
   return least;
 }
 
-// A quarter of the splats are opaque floaters at 10 to 100 extents, all on one side.
-TEST_CASE("scene frame: floaters beyond ten extents have no influence") {
+// A quarter of the splats are opaque floaters. All of them are on one side, at 10 to 100 times the size of
+// the scene.
+TEST_CASE("scene frame: floaters at more than ten times the size of the scene have no influence") {
   constexpr std::size_t kScene = 3000, kFloaters = 1000;
   SplatModel clean(3, kScene), strewn(3, kScene + kFloaters);
   Random random(11);
@@ -369,15 +371,15 @@ TEST_CASE("scene frame: without cameras, a slender model is completely inside th
     const SceneFrame frame = scene_frame(MixedModel(model), {}, {.fov = 0.6});
     CAPTURE(extent[2], frame.distance);
     CHECK(least_shown(model, frame, 64, 64, 0.6) > 0.995);
-    SceneFrame nearer = frame;  // and the camera is no farther away than necessary
+    SceneFrame nearer = frame;  // a nearer camera must not show the whole model
     nearer.distance *= 0.85;
     CHECK(least_shown(model, nearer, 64, 64, 0.6) < 0.99);
   }
 }
 
-// The camera of an earlier version was closer (1.1 radii of nine tenths of the opacity) and showed 0.992,
-// 0.990 and 0.989: feet and corners were outside of the image.
-TEST_CASE("scene frame: third-party models are inside the image from all around") {
+// In an earlier version, the orbit was so close that feet and corners of these models were outside the image:
+// the images contained 99.2, 99.0 and 98.9 % of the opacity.
+TEST_CASE("scene frame: models of other tools are inside the image from all sides") {
   UBS_REQUIRE_DATA(folder, "foreign_splats");
   for (const char* name : {"biker.spz", "opensplat_lego_world.ply", "graphdeco_sh3_9080.ply"}) {
     const MixedModel model = load_splat_model(folder / name).model;
@@ -391,7 +393,8 @@ TEST_CASE("scene frame: third-party models are inside the image from all around"
   }
 }
 
-// A box with a size of 2 x 1 x 3 and a plate at one end of the axis.
+// Returns a box with a size of 2 x 1 x 3. If `plate` is true, a third of the splats form a plate at one end
+// of the axis, the lower end if `sign` is 1.
 SplatModel box_with_plate(std::size_t axis, int sign, bool plate) {
   SplatModel model(3, 3000);
   Random random(5);
@@ -405,7 +408,7 @@ SplatModel box_with_plate(std::size_t axis, int sign, bool plate) {
   return model;
 }
 
-TEST_CASE("scene frame: a floor determines the up direction, which is unknown without one") {
+TEST_CASE("scene frame: without cameras, a floor determines the up direction") {
   for (std::size_t axis = 0; axis < 3; ++axis)
     for (const int sign : {1, -1}) {
       Vec3 expected{};

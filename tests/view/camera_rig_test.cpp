@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tests what is derived from camera rigs that look inwards, forwards and outwards, and rigs from which
-// nothing can be derived: the positions of initial splats for data without points, the extent and the
-// clipping planes.
+// Tests values that ubs derives from the arrangement of the cameras if the data contain no points: the region
+// of the initial splats, the extent of the scene, and the clipping planes. The cameras look inwards, forwards
+// or outwards, or contain no information, for example because all are at the same position.
 #include "host/api/camera_rig.hpp"
 
 #include <catch2/catch.hpp>
@@ -17,7 +17,7 @@ using namespace ubs;
 
 namespace {
 
-constexpr double kFov = 0.6911112;  // as in NeRF Synthetic
+constexpr double kFov = 0.6911112;  // the field of view of the cameras of NeRF Synthetic
 
 Camera camera(const Vec3& at, const Vec3& target, int width = 400, int height = 400) {
   Pose pose = look_at(at, target, {0, 0, 1});
@@ -25,8 +25,8 @@ Camera camera(const Vec3& at, const Vec3& target, int width = 400, int height = 
   return camera_at(pose, {width, height, {}});
 }
 
-// Returns cameras on half a circle around `centre`, as when walking around an object on a table. `outwards`:
-// the cameras look away from the centre.
+// Returns cameras on half a circle around `centre`, as when walking around an object on a table. If
+// `outwards` is true, the cameras look away from the centre.
 std::vector<Camera> half_turn(const Vec3& centre, double distance, bool outwards = false) {
   std::vector<Camera> cameras;
   for (int i = 0; i < 58; ++i) {
@@ -46,31 +46,31 @@ bool usable(const InitialSpace& space) {
 
 }  // namespace
 
-TEST_CASE("initial space: the common field of view of inward cameras") {
+TEST_CASE("initial space: for cameras that look inwards, the space is around the point that they look at") {
   const Vec3 centre{3, -2, 0.5};
   const std::vector<Camera> cameras = half_turn(centre, 4.0311289);
   const InitialSpace box = initial_space(cameras, true);
   CHECK(usable(box));
   CHECK(length(box.centre - centre) < 1e-9);
-  CHECK(box.half == Approx(1.3).margin(0.01));  // the published box of these cameras
+  CHECK(box.half == Approx(1.3).margin(0.01));  // the value that published methods use for these cameras
   const InitialSpace depths = initial_space(cameras, false);
   CHECK(usable(depths));
   CHECK(depths.near == Approx(0.5 * 4.0311289));
   CHECK(depths.far == Approx(4 * 4.0311289));
-  // The space scales with the scene: double size gives double space.
+  // If the scene is twice as large, the space is twice as large.
   const InitialSpace twice = initial_space(half_turn(2.0 * centre, 2 * 4.0311289), true);
   CHECK(twice.half == Approx(2 * box.half));
-  // Images with other aspect ratios fill the same share of the view.
+  // Images with another aspect ratio give a space that fills the same share of the view.
   std::vector<Camera> portrait;
   for (const Camera& c : cameras) portrait.push_back(camera(c.centre(), centre, 133, 238));
   CHECK(initial_space(portrait, true).half == Approx(1.3 * std::sqrt(238.0 / 133)).epsilon(0.01));
 }
 
-TEST_CASE("initial space: forward and outward cameras") {
+TEST_CASE("initial space: cameras that look forwards or outwards give a range of depths") {
   std::vector<Camera> converging, parallel;
   for (int i = 0; i < 20; ++i) {
     const Vec3 at{0.1 * (i % 5 - 2), 0, 0.1 * (i / 5 - 1.5)};
-    converging.push_back(camera(3.0 * at, {0, 5, 0}));  // distance / spread as in the scene fern
+    converging.push_back(camera(3.0 * at, {0, 5, 0}));  // distance / spread is that of the scene fern
     parallel.push_back(camera(at, at + Vec3{0, 1, 0}));
   }
   // The angle is too small for cameras around an object, but sufficient to determine its distance.
@@ -80,18 +80,18 @@ TEST_CASE("initial space: forward and outward cameras") {
   CHECK(near_by.far > 5);
   const InitialSpace unknown = initial_space(parallel, true);
   CHECK(usable(unknown));
-  CHECK_THAT(unknown.text, Catch::Contains("the same way"));
+  CHECK_THAT(unknown.text, Catch::Contains("the same direction"));
   CHECK(unknown.near > 0.25);  // at a distance of 2.5 times the spread, views of neighbours overlap
   const InitialSpace outwards = initial_space(half_turn({0, 0, 0}, 1, true), false);
   CHECK(usable(outwards));
   CHECK_THAT(outwards.text, Catch::Contains("outwards"));
 }
 
-TEST_CASE("initial space: cameras without information") {
+TEST_CASE("initial space: one, equal, turning or only two cameras give a usable space") {
   const Camera one = camera({1, 2, 3}, {0, 0, 0});
   CHECK(usable(initial_space(std::vector{one}, true)));
   CHECK(usable(initial_space(std::vector(5, one), false)));
-  std::vector<Camera> turning;  // at one position, where their axes meet
+  std::vector<Camera> turning;  // all cameras are at the same position
   for (int i = 0; i < 12; ++i)
     turning.push_back(camera({1, 1, 1}, Vec3{1, 1, 1} + Vec3{std::cos(0.5 * i), std::sin(0.5 * i), 0}));
   for (const bool plain : {false, true}) CHECK(usable(initial_space(turning, plain)));
@@ -101,11 +101,11 @@ TEST_CASE("initial space: cameras without information") {
   CHECK(usable(initial_space(opposite, true)));
 }
 
-// Returns a camera for a part of a wide image. It shows the same directions as `c`, but its principal point
-// is outside of the part.
+// Returns a camera for a part of a wide image. The part shows about the same directions as `c`, but its
+// principal point is outside the part.
 Camera cut_from_wide_image(const Camera& c) {
-  const double right =
-      3 * c.width / c.fx;  // tangent of the angle between the centre of the image and the forward axis
+  // The tangent of the angle between the centre of the part and the forward axis.
+  const double right = 3 * c.width / c.fx;
   const double n = std::hypot(1, right), cosine = 1 / n, sine = right / n;
   Camera out = c;
   out.cx = c.cx - right * c.fx;
@@ -114,16 +114,17 @@ Camera cut_from_wide_image(const Camera& c) {
   return out;
 }
 
-// A kind of camera rig, with values that follow from how it was made.
+// An arrangement of cameras, with values that follow from its construction.
 struct Situation {
   std::string name;
   std::vector<Camera> cameras;
   double extent;             // 1.1 times the largest distance of a camera from the mean position
-  double nearest, farthest;  // depths of what such cameras are made to show, parallel to the forward axis
+  double nearest, farthest;  // depths of the objects that such cameras usually show, along the forward axis
 };
 
 std::vector<Situation> situations() {
-  // At this elevation a camera of the ring is 0.8 times its distance from the axis of the ring.
+  // At this elevation, the distance of a camera from the axis of the ring is 0.8 times its distance from the
+  // centre.
   const auto ring = [](double distance, bool outwards) {
     std::vector<Camera> cameras;
     for (int i = 0; i < 40; ++i) {
@@ -148,7 +149,7 @@ std::vector<Situation> situations() {
       {"parallel", parallel, 1.1 * 0.25, 0.5, 5},
       {"two side by side", {camera({0, 0, 0}, {0, 1, 0}), camera({1, 0, 0}, {1, 1, 0})}, 1.1 * 0.5, 1, 10},
       {"two opposite", {camera({0, -2, 0}, {0, 0, 0}), camera({0, 2, 0}, {0, 0, 0})}, 1.1 * 2, 1, 3},
-      // Depths of these are only known up to a factor, so that the program may choose any.
+      // For the following cameras, the scale of the scene is unknown, so ubs may choose any depths.
       {"turning", turning, 0, 1, 10},
       {"all equal", std::vector(5, parallel[3]), 0, 1, 10},
       {"one", {forward[0]}, 0, 1, 10}};
@@ -156,8 +157,9 @@ std::vector<Situation> situations() {
     Situation part = all[s];
     part.name += ", parts of wide images";
     for (Camera& c : part.cameras) c = cut_from_wide_image(c);
-    // The same distances, but the forward axis of a part does not point to what it shows. What is known only
-    // from the distances between cameras, or not at all, stays.
+    // The distances are the same, but depths along the forward axis are shorter, because the axis does not
+    // point to the objects that a part shows. Depths that are derived only from distances between cameras do
+    // not change.
     const double cosine = dot(view_direction(part.cameras[0]), camera_axis(part.cameras[0], 2));
     if (s == 0 || s == 2) part.nearest *= cosine, part.farthest *= cosine;
     all.push_back(part);
@@ -171,20 +173,21 @@ double extent(const std::vector<Camera>& cameras) {
   return scene_extent(views);
 }
 
-// Returns the clipping planes of a training whose data have no points, as choose_unit() chooses them.
+// Returns the clipping planes that training uses if the data have no points. The unit is chosen as in
+// choose_unit().
 Planes planes(const std::vector<Camera>& cameras) {
   TrainSettings settings;
   settings.unit = initial_space(cameras, false).depth;
   return planes_of(settings);
 }
 
-TEST_CASE("camera rigs: extent, clipping planes and initial splats of every situation") {
+TEST_CASE("camera rigs: extent, clipping planes and initial splats fit every arrangement of cameras") {
   for (const Situation& s : situations()) {
     INFO(s.name);
     CHECK(at_one_place(s.cameras) == (s.extent == 0));
     CHECK(extent(s.cameras) == Approx(s.extent).margin(1e-12));
-    // The near plane is far from what the images show, but not so near that splats can hide in front of a
-    // lens.
+    // The near plane must be much nearer than the objects in the images, but not so near that splats directly
+    // in front of a camera, which no other camera sees, are visible.
     const auto [near, far] = planes(s.cameras);
     CHECK(near < s.nearest / 10);
     CHECK(near > s.nearest / 1000);
@@ -192,7 +195,8 @@ TEST_CASE("camera rigs: extent, clipping planes and initial splats of every situ
     for (const bool plain : {false, true}) {
       const InitialSpace space = initial_space(s.cameras, plain);
       REQUIRE(usable(space));
-      if (space.half == 0) {  // every splat is seen, and some are where the scene is
+      // All initial splats must be visible, and their depths must include those of the objects.
+      if (space.half == 0) {
         CHECK(near < space.near);
         CHECK(far > space.far);
         CHECK(space.near < s.farthest);
@@ -209,14 +213,16 @@ TEST_CASE("camera rigs: extent, clipping planes and initial splats of every situ
   }
 }
 
-TEST_CASE("camera rigs: nothing depends on the unit and the position of the data") {
+TEST_CASE("camera rigs: results scale with the data and do not depend on their position") {
   for (const Situation& s : situations())
     for (const bool plain : {false, true}) {
       const InitialSpace expected = initial_space(s.cameras, plain);
       const Planes clipping = planes(s.cameras);
       const auto check = [&](const std::vector<Camera>& others, double factor) {
         const InitialSpace space = initial_space(others, plain);
-        const double f = at_one_place(s.cameras) ? 1 : factor;  // any depth is correct
+        // If all cameras are at one position, the scale is unknown, and the same depths are chosen for all
+        // data.
+        const double f = at_one_place(s.cameras) ? 1 : factor;
         CHECK(space.half == Approx(f * expected.half).epsilon(1e-9));
         CHECK(space.near == Approx(f * expected.near).epsilon(1e-9));
         CHECK(space.far == Approx(f * expected.far).epsilon(1e-9));
@@ -231,14 +237,14 @@ TEST_CASE("camera rigs: nothing depends on the unit and the position of the data
         for (Camera& c : scaled) scale_lengths(c, factor);
         check(scaled, factor);
       }
-      INFO(s.name << ", elsewhere");
+      INFO(s.name << ", at another position");
       std::vector<Camera> moved = s.cameras;
       for (Camera& c : moved) c.translation = c.translation - rotated(c.rotation, {70, -30, 11});
       check(moved, 1);
     }
 }
 
-TEST_CASE("initial space: parts of wide images have the space of the whole images") {
+TEST_CASE("initial space: parts of wide images give the centre of the whole images") {
   const InitialSpace box = initial_space(half_turn({3, -2, 0.5}, 4), true);
   std::vector<Camera> parts;
   for (const Camera& c : half_turn({3, -2, 0.5}, 4)) parts.push_back(cut_from_wide_image(c));
@@ -269,7 +275,8 @@ TEST_CASE("points in frusta get the colours of their pixels") {
     }
     const double x = view.camera.fx * at[0] / at[2] + view.camera.cx,
                  y = view.camera.fy * at[1] / at[2] + view.camera.cy;
-    CHECK(std::abs(cloud.colours[i][0] / 6 + 0.5 - x) < 0.51);  // the float32 positions move by 1e-6 pixels
+    // The positions are rounded to float, which moves them by about 1e-6 pixels.
+    CHECK(std::abs(cloud.colours[i][0] / 6 + 0.5 - x) < 0.51);
     CHECK(std::abs(cloud.colours[i][1] / 12 + 0.5 - y) < 0.51);
     CHECK(cloud.colours[i][2] == 200);
   }

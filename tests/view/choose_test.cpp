@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tests that uploading a selection of splats over the model on the device gives the same image as a model
-// with only these splats.
+// Tests DeviceGroups::upload(): if some splats of a model are selected and uploaded into the existing
+// buffers, the image must be the same as that of new buffers with only these splats.
 #include <catch2/catch.hpp>
 
 #include "host/api/decompose.hpp"
@@ -23,12 +23,13 @@ std::vector<float> drawn(Device& device, const DeviceGroups& groups) {
 
 }  // namespace
 
-TEST_CASE("choice of splats: the image is bit-identical to that of a separate model") {
+TEST_CASE("a selection of splats that is uploaded gives the same image as a separate model") {
   const auto scene = [](int dim) {
     return oracle::regular_scene({.count = 300, .dim = dim, .seed = 5}).model;
   };
   const MixedModel model({scene(6), scene(3)});
-  // Splats with N = 3 are below every range of the angular beta that does not start at 0.
+  // Splats with N = 3 have no angular betas. Their quantiles are the lowest, so the range from 0.6 contains
+  // none of them.
   const MixedModel some =
       keep_splats(model, select_by_quantile(beta_quantiles(model, BetaKind::spatial), {0.3, 0.6}));
   const MixedModel one_group =

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tests the decomposition by quantiles of the betas: it uses the correct rows, ranges form a partition, and
-// invalid arguments are rejected.
+// Tests the selection of splats by quantiles of their spatial, angular or temporal betas: the correct
+// parameter rows are used, adjacent ranges contain each splat exactly once, and invalid arguments are
+// rejected.
 #include "host/api/decompose.hpp"
 
 #include <limits>
@@ -14,7 +15,7 @@ using Catch::Contains;
 
 namespace {
 
-// Every value of the model is different, and betas decrease from splat to splat.
+// Returns a model in which the beta of splat i in the beta row r is r - i.
 SplatModel falling(int dim, std::size_t count, const ModelVariant& variant = {}) {
   SplatModel model(dim, count, variant);
   std::iota(model.values.begin(), model.values.end(), 0.0f);
@@ -35,7 +36,7 @@ std::size_t kept(const std::vector<bool>& keep) {
 
 }  // namespace
 
-TEST_CASE("decompose: the rows of every dimension", "[view]") {
+TEST_CASE("decompose: for every dimension, the correct beta rows are used", "[view]") {
   struct Row {
     int dim;
     bool angular, temporal;
@@ -79,12 +80,12 @@ TEST_CASE("decompose: missing betas are rejected", "[view]") {
                Contains("between 0 and 1"));
 }
 
-TEST_CASE("decompose: ranges partition the splats", "[view]") {
+TEST_CASE("decompose: each splat is in exactly one of two adjacent ranges", "[view]") {
   const MixedModel model = falling(7, 11);
   for (const BetaKind kind : kBetaKinds) {
     const std::vector<bool> low = select_by_beta(model, kind, {0, 0.5}),
                             high = select_by_beta(model, kind, {0.5, 1});
-    CHECK(kept(low) == 5);  // the middle one of 11 belongs to the upper half
+    CHECK(kept(low) == 5);  // the splat in the middle of 11 belongs to the upper half
     for (std::size_t i = 0; i < 11; ++i) {
       CHECK(low[i] == (i > 5));  // betas decrease
       CHECK(high[i] != low[i]);
@@ -92,20 +93,21 @@ TEST_CASE("decompose: ranges partition the splats", "[view]") {
     CHECK(kept(select_by_beta(model, kind, {})) == 11);
     CHECK(kept(select_by_beta(model, kind, {0.3, 0.3})) == 0);
   }
-  // Equal values have the order of the model.
+  // Splats with equal betas are ordered by their index.
   SplatModel equal = falling(6, 4);
   for (float& v : equal.row(equal.layout().beta)) v = 1;
   CHECK(beta_quantiles(equal, BetaKind::spatial) == std::vector<double>{0.125, 0.375, 0.625, 0.875});
   CHECK(beta_quantiles(SplatModel(6, 0), BetaKind::spatial).empty());
 }
 
-TEST_CASE("decompose: models with several dimensions", "[view]") {
+TEST_CASE("decompose: in models with different dimensions, splats without a beta have the lowest quantiles",
+          "[view]") {
   const MixedModel model(std::vector<SplatModel>{falling(7, 3), falling(6, 2), falling(3, 4)});
   const float none = -std::numeric_limits<float>::infinity();
   CHECK(beta_values(model, BetaKind::temporal) ==
         std::vector<float>{4, 3, 2, none, none, none, none, none, none});
 
-  // Splats without time are static.
+  // Splats without time belong to the lowest range, which contains the static splats.
   const MixedModel still = keep_splats(model, select_by_beta(model, BetaKind::temporal, {0, 6.0 / 9}));
   CHECK(to_string(still) == "N = 6: 2, N = 3: 4, 6 splats");
   CHECK(still.groups[0].values == model.groups[1].values);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tests files of keyframes: valid files, and error messages for invalid ones.
+// Tests reading files with keyframes of a camera path: valid files, and error messages for invalid files.
 #include "host/api/keyframes.hpp"
 
 #include <catch2/catch.hpp>
@@ -30,8 +30,8 @@ std::string refused_frame(const std::string& frame) {
 
 TEST_CASE("keyframes: the three representations of a pose agree") {
   const TempFolder folder;
-  // All keyframes are at (1, 2, 3) and look along +x with z up. The third matrix has the axes of
-  // transforms.json.
+  // All keyframes are at (1, 2, 3) and look along +x with z up. The axes of the camera in "transform_matrix"
+  // are those of transforms.json: x right, y up, z back.
   test::put(folder / "k.json", R"({"closed": true, "keyframes": [
     {"position": [1, 2, 3], "look_at": [5, 2, 3], "up": [0, 0, 1], "fov": 40},
     {"world_to_camera": [[0,-1,0,2],[0,0,-1,3],[1,0,0,-1]], "fov": 60},
@@ -69,7 +69,7 @@ TEST_CASE("keyframes: errors contain the file, the keyframe and the field") {
   frame(R"({"position": [0,0], "look_at": [0,0,1]})", "'position' must be three finite numbers");
   frame(R"({"position": [0,0,"1"], "look_at": [0,0,1]})", "'position' must be three finite numbers");
   frame(R"({"position": [0,0,0], "look_at": [0,0,0]})", "'look_at' must differ from the position");
-  frame(R"({"position": [0,0,0], "look_at": [0,0,1], "up": [0,0,2]})", "'up' is zero or points along");
+  frame(R"({"position": [0,0,0], "look_at": [0,0,1], "up": [0,0,2]})", "'up' must not be zero or parallel");
   frame(R"({"position": [0,0,0], "look_at": [0,0,1], "up": [0,1,0], "fov": 0})", "'fov' = 0");
   frame(R"({"position": [0,0,0], "look_at": [0,0,1], "up": [0,1,0], "fov": "wide"})",
         "'fov' must be a number");

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tests panoramas and fisheye images that are composed of faces (host/data/lens_image.hpp).
+// Tests panoramas and fisheye images, which are composed of several pinhole images, the faces
+// (host/data/lens_image.hpp).
 #include "host/data/lens_image.hpp"
 
 #include <catch2/catch.hpp>
@@ -22,8 +23,8 @@ Ray colour_of(const Ray& direction) {
   return {0.5 + 0.3 * d[0], 0.5 + 0.2 * d[1] * d[2], 0.4 + 0.3 * d[2] * d[0]};
 }
 
-// Returns the image of these colours in a pinhole camera. The depths are those of a sphere of radius 5 around
-// it.
+// Returns an image of these colours in a pinhole camera. The depths are those of a sphere with the radius 5
+// around the camera.
 RenderedView seen_by(const Camera& camera) {
   RenderedView view{camera.width, camera.height, {}, {}, {}};
   for (int y = 0; y < camera.height; ++y)
@@ -57,7 +58,8 @@ RenderedView composed(const WideLens& lens, const Camera& camera) {
   return image.compose(faces);
 }
 
-// Returns the direction in the world that a pixel of the image shows, from the definitions of the two lenses.
+// Returns the direction in the world that a pixel of the image shows. It is computed from the definition of
+// the lens.
 Ray direction(const std::string& lens, double degrees, int width, int height, double x, double y) {
   Ray ray;
   if (lens == "equirectangular") {
@@ -77,7 +79,7 @@ Ray direction(const std::string& lens, double degrees, int width, int height, do
 
 }  // namespace
 
-TEST_CASE("lens image: each pixel shows its direction, at its distance", "[lens]") {
+TEST_CASE("lens image: each pixel has the colour and the depth of its direction", "[lens]") {
   for (const auto& [lens, degrees, width, height] : {std::tuple{"equirectangular", 360.0, 256, 128},
                                                      {"fisheye", 180.0, 128, 128},
                                                      {"fisheye:220", 220.0, 160, 128},
@@ -112,7 +114,7 @@ TEST_CASE("lens image: each pixel shows its direction, at its distance", "[lens]
   }
 }
 
-TEST_CASE("lens image: wrong lenses and sizes", "[lens]") {
+TEST_CASE("lens image: unknown lenses and unsuitable sizes are rejected", "[lens]") {
   for (const char* text : {"", "pinhole", "fisheye:", "fisheye:0", "fisheye:361", "fisheye:nan", "fisheye180",
                            "fisheye:90x", "equirectangular:360"})
     CHECK_THAT(message_of([&] { wide_lens(text, 64, 64); }, ErrorKind::usage),

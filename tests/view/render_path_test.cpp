@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tests `ubs render --path` as users run it: images and videos along paths, for models with one or several
-// dimensions.
+// Tests the commands `ubs render --path` and `ubs render --lens`: images and videos along camera paths, and
+// panoramas and fisheye images, for models whose splats have one or several dimensions. Also tests `ubs eval`
+// with panoramas.
 #include <catch2/catch.hpp>
 
 #include "host/base/json.hpp"
@@ -56,12 +57,12 @@ TEST_CASE("render --path orbit: images and video of a dynamic model agree, and a
     const Image8 picture = load_image(folder / fmt::format("p/frame_{:04}.png", i));
     CHECK(picture.width == 80);
     CHECK(picture.height == 48);
-    // Observed error of Motion JPEG: 1.1. Views that are 60 degrees apart differ by 10.1 or more.
+    // The observed error of Motion JPEG is 1.1. Views that are 60 degrees apart differ by at least 10.1.
     CHECK(test::image_difference(video.frames[i], picture) < 2.2);
     CHECK(test::image_difference(video.frames[i], video.frames[(i + 1) % 6]) > 5);
   }
 
-  // With a single keyframe, only a changing time makes the images differ.
+  // With a single keyframe, the images only differ if the time changes.
   test::put(folder / "k.json",
             R"({"keyframes": [{"position": [0,-3,0.5], "look_at": [0,0,0], "up": [0,0,1], "time": 0.5}]})");
   const auto pictures = [&](const std::string& time) {
@@ -79,7 +80,7 @@ TEST_CASE("render --path orbit: images and video of a dynamic model agree, and a
   CHECK(swept[2] != swept[1]);
 }
 
-TEST_CASE("render --path: models with several N, depth, alpha, and the cameras of the data") {
+TEST_CASE("render --path: also renders mixed models, depth and alpha, and uses the image size of the data") {
   const TempFolder folder;
   write_mixed_ply(folder / "m.ply", MixedModel({scene(6), scene(3)}));
   for (const std::string channel : {"depth", "alpha"}) {
@@ -124,7 +125,8 @@ TEST_CASE("render --lens: a panorama and a fisheye image agree with pinhole imag
   };
   const Image8 panorama = draw("--size 512x256 --lens equirectangular");
   CHECK((panorama.width == 512 && panorama.height == 256));
-  CHECK(error(panorama, 512 / (2 * M_PI), true) < 1.7);  // observed 0.87 of 255
+  // The observed error is 0.87 of 255. With wrong directions, it must be large.
+  CHECK(error(panorama, 512 / (2 * M_PI), true) < 1.7);
   CHECK(error(panorama, 400 / (2 * M_PI), true) > 8);
   const Image8 fisheye = draw("--size 256x256 --lens fisheye:200 --channels rgb,alpha,depth");
   CHECK(error(fisheye, 256 / (200 * M_PI / 180), false) < 2);  // observed 1.02
@@ -132,7 +134,7 @@ TEST_CASE("render --lens: a panorama and a fisheye image agree with pinhole imag
   CHECK(std::filesystem::exists(folder / "o/frame_0000_depth.png"));
 }
 
-TEST_CASE("eval: a wide image is compared in its own lens, except for its masked pixels") {
+TEST_CASE("eval: a panorama is compared as a whole, except for its masked pixels") {
   const TempFolder folder;
   write_splat_ply(folder / "m.ply", scene(6));
   test::put(folder / "k.json",
@@ -144,7 +146,7 @@ TEST_CASE("eval: a wide image is compared in its own lens, except for its masked
   test::put(folder / "data/sparse/0/images.txt",
             "1 0.70710678118654752 0.70710678118654752 0 0 0 0 1 1 frame_0000.png\n\n");
   test::put(folder / "data/sparse/0/points3D.txt", "# none\n");
-  // A packed file gives the same figures as the folder.
+  // Returns the output of `ubs eval` for the folder, and checks that a packed file gives the same results.
   const auto measured = [&] {
     const std::string eval = "eval m.ply data --split train --test-every 0 --fps-views 0 --json";
     const std::string out = test::ubs_ok(folder, eval).out;
@@ -161,7 +163,7 @@ TEST_CASE("eval: a wide image is compared in its own lens, except for its masked
   const Json& image = all.at("wide_images")[0];
   CHECK(image.at("name") == "frame_0000");
   for (const Json& view : all.at("views")) CHECK(view.at("part_of") == "frame_0000");
-  // The image was composed in the same way, so only the rounding to 8 bits is left.
+  // The compared image was rendered in the same way, so only the rounding to 8 bits causes a difference.
   CHECK(image.at("psnr").get<double>() > 55);
   CHECK(all.at("mean").at("psnr") == image.at("psnr"));
   CHECK(all.at("mean").at("ssim") == image.at("ssim"));
@@ -178,7 +180,7 @@ TEST_CASE("eval: a wide image is compared in its own lens, except for its masked
   CHECK(parse_own_json(measured(), "eval").at("mean").at("psnr").get<double>() > 55);
 }
 
-TEST_CASE("render --path: errors have one line, and no files are left") {
+TEST_CASE("render --path: error messages have one line, and no files are written") {
   const TempFolder folder;
   write_splat_ply(folder / "m.ply", scene(3));
   test::put(folder / "k.json", R"({"keyframes": [{"position": [0,0,1]}]})");
@@ -188,7 +190,7 @@ TEST_CASE("render --path: errors have one line, and no files are left") {
     CHECK(result.code == code);
     CHECK_THAT(result.err, Contains(reason));
     CHECK(result.err.find('\n') == result.err.size() - 1);
-    CHECK(test::file_count(folder.path()) == 4);  // model, keyframes, stdout.txt, stderr.txt
+    CHECK(test::file_count(folder.path()) == 4);  // the model, the keyframes, stdout.txt and stderr.txt
   };
   refused("m.ply --path orbit", 2, "--out DIR");
   refused("m.ply --path orbt --video v.avi", 2, "--path orbt");

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tests videos by reading them with a separate decoder: the number of frames is correct, and they are
-// recognisable and in order.
+// Tests writing videos by reading them with OpenCV: the number of frames, their order, and that each frame is
+// similar to the image that was written. Also tests errors when videos are written or read.
 #include "host/data/video.hpp"
 
 #include <unistd.h>
@@ -48,7 +48,7 @@ void write(const std::filesystem::path& path) {
 TEST_CASE("video: every supported format contains the frames in order") {
   const std::string possible = writable_videos();
   INFO(possible);
-  CHECK_THAT(possible, Contains(".avi (MJPG)"));  // OpenCV's own encoder, without FFmpeg
+  CHECK_THAT(possible, Contains(".avi (MJPG)"));  // OpenCV contains this encoder, so it does not need FFmpeg
   for (const std::string& extension : video_extensions()) {
     if (possible.find(extension + " ") == std::string::npos) {
       WARN("SKIPPED: no encoder for " << extension);
@@ -63,7 +63,8 @@ TEST_CASE("video: every supported format contains the frames in order") {
     CHECK(fps == Approx(24).epsilon(1e-3));
     REQUIRE(frames.size() == kFrames);
     for (int i = 0; i < kFrames; ++i) {
-      // Observed errors: 3.1 for H.264, and 1.7 for Motion JPEG. Consecutive frames differ by 18.8 or more.
+      // The observed errors are 3.1 for H.264 and 1.7 for Motion JPEG. Consecutive frames differ by at least
+      // 18.8.
       CHECK(test::image_difference(frames[static_cast<std::size_t>(i)],
                                    test::gradient_image(96, 64, kShift * i)) < 6);
       CHECK(test::image_difference(frames[static_cast<std::size_t>(i)],
@@ -78,12 +79,12 @@ TEST_CASE("video: .AVI is treated like .avi") {
   CHECK(read_back(folder / "V.AVI").size() == kFrames);
 }
 
-TEST_CASE("video: supported formats are tested in a separate folder") {
+TEST_CASE("video: searching for supported formats does not overwrite files of other users") {
   const TempFolder folder;
   const test::Variable temporary("TMPDIR", folder.path().c_str());
   test::put(folder / "precious", "precious");
-  // If the name of the test file were predictable, another user could create a link with this name, and the
-  // test would overwrite its target.
+  // writable_videos() writes a small video. If its name were predictable, another user could create a link
+  // with this name, and the target of the link would be overwritten.
   std::filesystem::create_symlink(folder / "precious", folder / fmt::format("ubs-codec-{}.avi", ::getpid()));
   CHECK_THAT(writable_videos(), Contains(".avi (MJPG)"));
   CHECK(test::get(folder / "precious") == "precious");
@@ -109,7 +110,7 @@ TEST_CASE("video: a damaged frame gives an error at every attempt, and never a d
   write(folder / "v.avi");
   std::string bytes = test::get(folder / "v.avi");
   std::size_t at = 0;
-  for (int i = 0; i < 3; ++i) at = bytes.find("\xff\xd8\xff", at + 1);  // where the JPEG of a frame starts
+  for (int i = 0; i < 3; ++i) at = bytes.find("\xff\xd8\xff", at + 1);  // the start of frame 2
   REQUIRE(at != std::string::npos);
   bytes.replace(at, 200, 200, '\0');
   test::put(folder / "v.avi", bytes);
@@ -119,11 +120,11 @@ TEST_CASE("video: a damaged frame gives an error at every attempt, and never a d
   for (int i = 0; i < 3; ++i)
     CHECK_THAT(test::message_of([&] { load(2); }), Contains("v.avi: cannot decode frame 2"));
   for (int i = 0; i < 2; ++i)
-    CHECK_THAT(test::message_of([&] { load(4); }), Contains("v.avi: ends before frame 4"));
+    CHECK_THAT(test::message_of([&] { load(4); }), Contains("v.avi: the video ends before frame 4"));
   CHECK(test::image_difference(load(1), test::gradient_image(96, 64, kShift)) < 6);
 }
 
-TEST_CASE("video: unsupported videos are rejected with one line") {
+TEST_CASE("video: names, sizes and rates that are not supported are rejected with a message") {
   const TempFolder folder;
   const auto refused = [&](const std::string& name, int width, double fps, ErrorKind kind) {
     return test::message_of([&] { VideoWriter(folder / name, width, 64, fps); }, kind);
@@ -132,10 +133,10 @@ TEST_CASE("video: unsupported videos are rejected with one line") {
              Contains("v.gif: the name of a video must end with one of .avi, "));
   CHECK_THAT(refused("v.avi", 63, 10, ErrorKind::usage),
              Contains("even width and height") && Contains("63x64"));
-  CHECK_THAT(refused("v.avi", 64, 0, ErrorKind::usage), Contains("0 frames a second"));
+  CHECK_THAT(refused("v.avi", 64, 0, ErrorKind::usage), Contains("0 frames per second"));
   CHECK_THAT(refused("missing/v.avi", 64, 10, ErrorKind::data),
              Contains("missing: the folder does not exist"));
   test::put(folder / "d.avi/file", "");
-  CHECK_THAT(refused("d.avi", 64, 10, ErrorKind::data), Contains("d.avi: is a folder"));
+  CHECK_THAT(refused("d.avi", 64, 10, ErrorKind::data), Contains("d.avi: this is a folder"));
   CHECK(test::file_count(folder.path()) == 1);
 }

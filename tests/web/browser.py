@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A headless Chromium that is controlled through the pipe of its DevTools protocol, with the standard library only."""
+"""Controls a headless Chromium through the DevTools protocol over pipes. Only uses the standard library of Python."""
 
 import json
 import os
@@ -22,12 +22,12 @@ class Browser:
         to_read, to_write = os.pipe()
         from_read, from_write = os.pipe()
 
-        def give():  # the protocol is spoken on descriptors 3 and 4
+        def give():  # the browser reads requests from file descriptor 3 and writes answers to 4
             a, b = os.dup(to_read), os.dup(from_write)
             os.dup2(a, 3)
             os.dup2(b, 4)
 
-        # Uses a software GPU, which is available on every machine. Files in the folder of the page may be opened.
+        # Uses SwiftShader, which renders WebGL in software and is available on every machine.
         self.process = subprocess.Popen(
             [
                 program,
@@ -98,7 +98,7 @@ class Browser:
                 return answer["result"]
             self.note(answer)
 
-    # Returns the problems of a page: errors and warnings on its console, exceptions, and blocked loads.
+    # Adds the problems of a page to self.complaints: errors and warnings on its console, exceptions, and blocked loads.
     def note(self, event):
         params = event.get("params", {})
         if event.get("method") == "Runtime.exceptionThrown":
@@ -111,7 +111,7 @@ class Browser:
         ):
             self.complaints.append(" ".join(str(a.get("value", "")) for a in params["args"]))
         if event.get("method") == "Log.entryAdded" and params["entry"]["level"] in ("error", "warning"):
-            # SwiftShader warns that it reads pixels slowly.
+            # Ignores a warning of SwiftShader that reading pixels is slow.
             if "GPU stall due to ReadPixels" not in params["entry"]["text"]:
                 self.complaints.append(params["entry"]["text"])
 
@@ -134,7 +134,7 @@ class Browser:
                 raise TimeoutError(f"{path} does not load")
             time.sleep(0.05)
 
-    # Returns the value of an expression, and waits for promises.
+    # Evaluates a JavaScript expression in the page and returns its value. If it is a promise, waits for its result.
     def run(self, expression, timeout=600):
         answer = self.call(
             "Runtime.evaluate", timeout=timeout, expression=expression, awaitPromise=True, returnByValue=True

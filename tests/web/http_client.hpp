@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A client of the server for tests, which can send arbitrary bytes.
+// Client is an HTTP client for tests of the server. It can send arbitrary bytes.
 #pragma once
 
 #include <netinet/in.h>

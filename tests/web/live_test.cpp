@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tests rendering for viewers during a training: no image is started when the training is about to end.
+// Tests LiveTraining, which renders images for viewers during training: no image is rendered while the
+// training is about to end, and the final model is shown as long as a viewer sends requests.
 #include "host/look/serve/live.hpp"
 
 #include <catch2/catch.hpp>
@@ -33,8 +34,9 @@ TEST_CASE("live: a pending request is not rendered while the training stops, but
       answer = std::async(std::launch::async, ask);
       return true;
     }
-    // These calls are like those after Ctrl-C. The request arrives long before the last of them, and viewers
-    // have not used up their share of the time.
+    // `false` means that the training is about to end, as after Ctrl-C. The request arrives long before the
+    // last iteration, and viewers have not used up their share of the time, so nothing else prevents
+    // rendering.
     live.step(report, false);
     drawn_late =
         drawn_late || answer.wait_for(report.iteration < 20 ? 10ms : 500ms) == std::future_status::ready;
@@ -72,7 +74,7 @@ TEST_CASE("live: the page shows the final model as long as a viewer sends reques
 
   auto answer =
       std::async(std::launch::async, [&] { return answer_of(server, post(request_json().dump())); });
-  int left = -1;  // calls after the answer
+  int left = -1;  // number of calls after the answer
   live.stay([&] {
     if (left < 0 && answer.wait_for(0s) != std::future_status::ready) return false;
     if (++left > 0) time.advance(40);
@@ -82,7 +84,8 @@ TEST_CASE("live: the page shows the final model as long as a viewer sends reques
   CHECK_FALSE(live.has_viewer());
   const Answer got = answer.get();
   CHECK(got.status == 200);
-  // The time of the image, without a pause after it: the simulated clock stands still while it is rendered.
+  // The header contains the time for rendering the image, which is 0 because the simulated clock does not
+  // advance.
   CHECK(got.head.find("\r\nUbs-Seconds: 0.000000\r\n") != std::string::npos);
 }
 

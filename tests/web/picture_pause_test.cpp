@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tests the share of the training time that images for viewers take, with a simulated clock.
+// Tests PicturePause, which limits the share of the training time that images for viewers take, with a
+// simulated clock.
 #include "host/look/serve/picture_pause.hpp"
 
 #include <algorithm>
@@ -10,7 +11,8 @@
 namespace ubs::serve {
 namespace {
 
-// Renders an image whenever the pause is over, and returns the share of the time that the images took.
+// Simulates training steps of `step` seconds. Renders an image, which takes `cost` seconds, whenever the
+// pause is over. Returns the share of the time that the images took.
 double drawn_share(double share, double cost, double step, double seconds) {
   test::SimulatedTime time;
   PicturePause pause(share, time);
@@ -30,15 +32,14 @@ TEST_CASE("images take their share of the time, for any speed of steps and image
   for (const double step : {1e-4, 0.01, 1.0})
     for (const double cost : {1e-3, 0.1, 5.0}) {
       const double share = drawn_share(0.03, cost, step, 4000);
-      INFO("steps of " << step << " s, pictures of " << cost << " s: " << share);
-      CHECK(share <= 0.03 + cost / 4000);  // there is no pause before the first one
-      // The step during which the pause ends is finished before the next image.
+      INFO("steps of " << step << " s, images of " << cost << " s: " << share);
+      CHECK(share <= 0.03 + cost / 4000);  // there is no pause before the first image
+      // An image is only rendered after the step during which the pause ends, so the share may be lower.
       CHECK(share > 0.99 * cost / (cost / 0.03 + step));
     }
 }
 
-TEST_CASE(
-    "a small image delays others only by its own cost, and unused time is not saved up for later images") {
+TEST_CASE("the pause after an image depends only on the cost of this image") {
   test::SimulatedTime time;
   PicturePause pause(0.03, time);
   CHECK(pause.over());

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Tests `ubs train --serve` and `ubs view` as viewers use them: serve_test.py UBS [NAME ...].
+"""Tests the servers of `ubs train --serve` and `ubs view` with requests of viewers. Run it as serve_test.py UBS [NAME
+...], with the path of the executable ubs and the names of tests (by default all of TESTS).
 
 The client implements HTTP itself, so that it can also send invalid requests. `flood-full`, `flood-wide` and
 `growth-long` are longer variants of `flood` and `growth`. tests/web/server_test.cpp tests the server alone."""
@@ -47,7 +48,7 @@ def train(folder, name, iterations, *more, log=50):
 
 
 def losses(folder, name):
-    """Returns iteration, loss and number of splats of each complete row of a log."""
+    """Returns the iteration, the loss and the number of splats in each complete row of the log of a run."""
     rows = list(csv.DictReader((folder / name / "log.csv").read_text().rpartition("\n")[0].splitlines()))
     return [(row["iteration"], row["loss"], row["splats"]) for row in rows]
 
@@ -97,7 +98,7 @@ class Served:
             send(link, path + (self.query if query is None else query), headers)
             return answer(link.makefile("rb"))
 
-    # Requests an image. The answer is sent on the connection when the image is rendered.
+    # Requests an image and returns the connection, on which the server answers after it has rendered the image.
     def ask(self, camera, exact=False):
         link = self.connect()
         body = json.dumps({"camera": camera, "exact": exact}).encode()
@@ -137,15 +138,15 @@ def send(link, path, headers=None, method="GET", body=b""):
 def answer(file):
     status, headers = file.readline().split(), {}
     if not status:
-        raise ConnectionError("no answer")
+        raise ConnectionError("the server closed the connection without an answer")
     for line in iter(file.readline, b"\r\n"):
         if not line:
-            raise ConnectionError("cut off")
+            raise ConnectionError("the headers of the answer are truncated")
         name, _, value = line.decode().partition(":")
         headers[name.lower()] = value.strip()
     body = file.read()
     if len(body) != int(headers["content-length"]):
-        raise ConnectionError("cut off")
+        raise ConnectionError("the body of the answer is truncated")
     return int(status[1]), headers, body
 
 
@@ -163,12 +164,12 @@ def rendered(folder, name, model):
 
 
 def pictures_to_the_end(served, camera):
-    """Returns (iteration, PNG) of each image of a training until it ends."""
+    """Requests images during training until it ends. Returns a pair (iteration, PNG file) for each image."""
     seen = []
     while True:
         try:
             status, headers, data = served.picture(camera, exact=True)
-        except ConnectionError:  # it has ended between two requests
+        except ConnectionError:  # the training has ended between two requests
             return seen
         if status != 200:
             assert status == 410 and b"ended" in data, (status, data)
@@ -183,7 +184,8 @@ def pictures_to_the_end(served, camera):
 
 def training(folder):
     synthesise(folder)
-    exact = ("--unit", 1)  # the unit of the data; a model trained in another unit is rounded when it is written
+    # With --unit 1, lengths are not scaled. Otherwise, they would be rounded when the model is written.
+    exact = ("--unit", 1)
     ubs(*train(folder, "alone", 600, *exact))
     with Served(folder, *train(folder, "nobody", 600, *exact)) as served:
         served.end(0)
@@ -194,16 +196,17 @@ def training(folder):
         served.end(0)
     assert seen[0][0] < seen[-1][0] == 600, [i for i, _ in seen]
     assert seen[0][1] != seen[-1][1]
-    # The last one is bit-identical to a render of the saved model.
+    # The last image is bit-identical to a render of the saved model.
     assert seen[-1][1] == rendered(folder, "pictures", folder / "visited")
     assert sha(folder, "alone") == sha(folder, "nobody") == sha(folder, "visited")
     with contextlib.suppress(ConnectionRefusedError):
         served.connect(1)
         raise AssertionError("the port is still open")
-    return f"{len(seen)} pictures"
+    return f"{len(seen)} images"
 
 
-# In the foreground of a terminal, the page works after the end of the training, until Ctrl-C.
+# If `ubs train --serve` runs in the foreground of a terminal, it continues to serve the page after the training, until
+# the user presses Ctrl-C.
 def terminal(folder):
     synthesise(folder)
     ours, theirs = os.openpty()
@@ -226,7 +229,7 @@ def terminal(folder):
 
 
 def unit(folder):
-    """Tests that the page has the cameras of the data for any unit of training."""
+    """Tests that the cameras of the page are those of the data, although training uses another unit of length."""
     synthesise(folder)
     with Served(folder, *train(folder, "run", 600), "--serve-share", 50) as served:
         seen = pictures_to_the_end(served, lens(served.page_options()["cameras"][0]))
@@ -251,14 +254,15 @@ def figures(folder):
         until(lambda: served.state()["test"])
         before = served.state()
         assert before["loss"][0][0] == 1 and before["test"][0][0] == 200 and before["test"][0][1] > 5
-        until(lambda: served.state()["iteration"] > 600)  # the curve is thinned out
+        assert served.page_options()["poster"].startswith("data:image/")
+        until(lambda: served.state()["iteration"] > 600)  # so many that the curve does not contain all of them
         state = served.state()
         assert 200 <= len(state["loss"]) < 400 and state["loss"][0][0] == 1
         assert state["loss"][-1][0] > state["iteration"] - 100
         served.end(130, signal.SIGINT)
 
 
-# The model is saved and the program ends, even if viewers hold connections or wait.
+# After Ctrl-C, the model is saved and the program ends, even if viewers hold open connections or wait for images.
 def interrupt(folder):
     synthesise(folder)
     with Served(folder, *train(folder, "run", 1000000), "--serve-share", 0.1) as served:
@@ -282,7 +286,7 @@ def interrupt(folder):
     assert (folder / "run" / "model.ply").exists()
 
 
-# A bad request of a viewer does not affect other requests, and a small image delays others only a little.
+# Tests that invalid requests, and requests for images of very different sizes, do not affect later requests.
 def visitors(folder):
     synthesise(folder)
     with Served(folder, *train(folder, "run", 1000000), "--serve-share", 50) as served:
@@ -306,12 +310,14 @@ def view(folder):
         options = served.page_options()
         camera = lens(options["cameras"][0])
         assert not options["training"] and served.state()["splats"] > 0
+        assert options["poster"].startswith("data:image/")  # shown until the first frame
         assert served.picture(camera, exact=True)[2] == truth
         picture = served.picture(camera)[2]
         assert picture.startswith(b"\xff\xd8") and len(picture) < len(truth)
-        # A camera in the middle of the splats is rendered or rejected, and the next one is rendered.
+        # The image of a camera in the middle of the splats is rendered, or rejected because it takes too long. In both
+        # cases, the next image is rendered.
         status, _, data = served.picture({**camera, "translation": [0, 0, 0], "fx": 1e4, "fy": 1e4})
-        assert status == 200 or (status == 500 and data.startswith(b"too expensive")), data
+        assert status == 200 or (status == 500 and data.startswith(b"the view is too expensive")), data
         assert served.picture(camera, exact=True)[2] == truth
         served.end(130, signal.SIGINT)
 
@@ -323,7 +329,7 @@ def heavy(folder):
     with Served(folder, "view", folder / "run", folder / "data") as served:
         camera = lens(served.page_options()["cameras"][0], width=1448, height=1448)
         waiting = [served.ask(camera, exact=True) for _ in range(4)]
-        # The answer of an image is sent when the next image is started.
+        # The first answer is sent when the server begins to render the second image.
         ready, _, _ = select.select(waiting, [], [], 600)
         assert ready
         served.end(130, signal.SIGINT)
@@ -332,13 +338,14 @@ def heavy(folder):
             with contextlib.suppress(ConnectionError):
                 answered += answer(link.makefile("rb"))[0] == 200
             link.close()
-        assert answered < 3, "images were rendered after the signal"
+        assert answered < 3, "the server rendered images after the signal"
 
 
 def desktop(folder):
     synthesise(folder)
     ubs(*train(folder, "run", 100))
-    # A program that replaces xdg-open records the address that it should open, and keeps running, as some browsers do.
+    # A script replaces xdg-open. It writes its process ID and the address to a file, and keeps running, as some
+    # browsers do.
     tools, opened, noted = folder / "tools", folder / "opened.txt", folder / "noted.txt"
     tools.mkdir()
     program = tools / "xdg-open"
@@ -382,7 +389,7 @@ def limits(folder):
             for query in ("", "?token=", f"?token={wrong}", f"?token={token}0", f"?token={token[:-1]}"):
                 assert served.get(path, query)[0] == 403, (path, query)
         assert served.get("/")[0] == served.get("/state", f"?x=1&token={token}")[0] == 200
-        assert served.get("/", Host="another.name")[0] == 200  # protected by the token in this case
+        assert served.get("/", Host="another.name")[0] == 200  # any host name is allowed, because the token is required
         first_picture(served)
         served.query = ""
         assert served.picture({})[0] == 403
@@ -413,8 +420,8 @@ def limits(folder):
         assert sorted(p.name for p in folder.iterdir()) == ["data", "run", "stderr.txt"]
 
 
-# During a training, 50 viewers send 1000 requests per second, some do not read the answers, and others send invalid
-# requests.
+# During training, 50 viewers together send 1000 requests per second, two clients do not read the answers, and one
+# client sends invalid requests. The training must give the same losses as without viewers.
 def flooded(folder, seconds, *options):
     synthesise(folder)
     counts, lock = {"asked": 0, "answered": 0, "pictures": 0}, threading.Lock()
@@ -428,7 +435,7 @@ def flooded(folder, seconds, *options):
         start = time.time()
         for k in range(int(20 * seconds)):
             time.sleep(max(0, start + k / 20 - time.time()))
-            if time.time() > start + seconds:  # the share of the time is used up, so answers are late
+            if time.time() > start + seconds:  # answers came late, because images may only take a share of the time
                 break
             count(asked=1)
             with contextlib.suppress(ConnectionError):  # rejected while all connections are in use
@@ -485,20 +492,21 @@ def flooded(folder, seconds, *options):
     for one, other in zip(losses(folder, "alone"), losses(folder, "flooded")):
         assert one == other, (one, other)
     return (
-        f"{counts['answered']} answers and {counts['pictures']} pictures in {took:.1f} s; pictures took "
+        f"{counts['answered']} answers and {counts['pictures']} images in {took:.1f} s; images took "
         f"{100 * state['spent'] / state['seconds']:.1f} % of the time"
     )
 
 
 def resources(process):
-    """Returns the memory without that of files [bytes], the number of open files, and the number of threads."""
+    """Returns the resident memory of a process without mapped files [bytes], and its numbers of open files and
+    threads."""
     status = Path(f"/proc/{process.pid}/status").read_text()
     number = lambda name: int(re.search(name + r":\s*(\d+)", status)[1])
     return 1024 * number("RssAnon"), len(os.listdir(f"/proc/{process.pid}/fd")), number("Threads")
 
 
 def visit(served, camera, rounds):
-    """Sends every kind of request: 10 in each round, one of them for a large image."""
+    """Sends 10 requests of different kinds in each round, one of them for a large image."""
     for _ in range(rounds):
         assert served.get("/")[0] == 200
         served.state()
@@ -516,11 +524,12 @@ def visit(served, camera, rounds):
 
 
 def grown(served, rounds):
-    """Returns the memory that many requests add; checks that all their connections and threads have ended."""
+    """Sends many requests. Checks that all their connections and threads have ended, and returns by how many bytes the
+    memory of the process has grown."""
     camera = lens(served.page_options()["cameras"][0])
     visit(served, camera, max(10, rounds // 4))  # the first requests allocate memory that later ones use again
 
-    def rested():  # the server closes ended connections when the next one comes
+    def rested():  # sends a request, because the server closes old connections when a new one is opened
         served.get("/state")
         return resources(served.process)
 
@@ -530,7 +539,7 @@ def grown(served, rounds):
     return rested()[0] - low[0]
 
 
-# Thousands of requests leave no memory, files and threads behind.
+# Tests that the memory, the open files and the threads of a server do not grow with the number of requests.
 def growth(folder, rounds):
     synthesise(folder)
     ubs(*train(folder, "run", 100))
@@ -569,14 +578,14 @@ def pages(folder):
             assert not page.run(unseen)
             # Without visible size, as in a hidden frame, the page sends no requests.
             page.run("L.find('.stage').style.display = 'none', L.change()")
-            wait(page, "L.asked === L.shown && !L.waiting && !L.dirty", "no answer")
+            wait(page, "L.asked === L.shown && !L.waiting && !L.dirty", "the page does not show the requested image")
             asked = page.run("L.asked")
             page.run("L.change()")
             assert page.run("L.asked") == asked
             page.run("L.find('.stage').style.display = '', L.change()")
             before = page.run("L.iteration")
             wait(page, f"L.iteration > {before}", "the training does not continue")
-            wait(page, "L.state && L.state.loss.length > 2", "no curve")
+            wait(page, "L.state && L.state.loss.length > 2", "the page receives no losses")
             assert "iteration" in page.run("document.querySelector('.facts').textContent")
             assert page.run("document.querySelector('.loss').getAttribute('points').split(' ').length") > 2
             served.process.send_signal(signal.SIGINT)
@@ -595,8 +604,8 @@ def pages(folder):
             slider = "Object.assign(L.find('input[type=range]'), {value: 0.9}).oninput()"
             assert page.run("getComputedStyle(L.find('input[type=range]').parentNode).display") != "none"
             look(page, "time", lambda: page.run(f"{slider}, 0"))
-            assert page.run("L.find('svg') === null"), "curves of a finished model"
-            wait(page, "document.querySelector('.facts').textContent.includes('splats')", "no figures")
+            assert page.run("L.find('svg') === null"), "the page of a finished model shows a loss curve"
+            wait(page, "document.querySelector('.facts').textContent.includes('splats')", "the page shows no figures")
             page.run("HTMLAnchorElement.prototype.click = function() { L.saved = this.href; }, 0")
             page.run("L.canvas.focus()")
             page.key("p")
@@ -608,7 +617,7 @@ def pages(folder):
     return "in Chromium"
 
 
-# Ignores messages about the end of the server.
+# Checks that the console of the page contains no errors except those about the end of the server.
 def assert_no_complaints(page):
     ends = ("ERR_CONNECTION", "ERR_EMPTY", "ERR_SOCKET", "410")
     complaints = [c for c in page.complaints if not any(end in c for end in ends)]
@@ -622,17 +631,18 @@ def wait(page, condition, failure):
         time.sleep(0.05)
 
 
-# Moving the camera changes the whole image, training changes it much less.
+# Checks that the action `act` changes the camera and the image. Moving the camera changes the whole image, while
+# training changes it much less. `what` names the action in messages.
 def look(page, what, act):
     rest = "L.frames > 0 && !L.waiting && !L.dirty && !L.small"
     grey = """(() => { const c = new OffscreenCanvas(40, 30).getContext('2d');
         c.drawImage(L.canvas, 0, 0, 40, 30);
         return Array.from(c.getImageData(0, 0, 40, 30).data); })()"""
-    wait(page, rest, "no picture")
+    wait(page, rest, "the page shows no image")
     before, asked = page.run(grey), page.run("JSON.stringify(L.camera.on(100, 100))")
     assert max(before[i] for i in range(len(before)) if i % 4 < 3) > 30, "the image is black"
     act()
-    wait(page, f"L.asked === L.shown && {rest}", f"{what}: no picture")
+    wait(page, f"L.asked === L.shown && {rest}", f"{what}: the page does not show the new image")
     now = page.run(grey)
     assert page.run("JSON.stringify(L.camera.on(100, 100))") != asked
     assert sum(abs(a - b) for a, b in zip(before, now)) / len(now) > 0.5, f"{what} changes nothing"
@@ -668,7 +678,7 @@ def main():
             try:
                 said = {**TESTS, **MEASURES}[name](Path(folder)) or ""
                 print(f"passed  {name} ({time.time() - begin:.1f} s) {said}", flush=True)
-            except Exception as error:  # the next tests are also run
+            except Exception as error:  # the following tests are still run
                 failures += 1
                 print(f"FAILED  {name}: {type(error).__name__}: {error}", flush=True)
     return 1 if failures else 0

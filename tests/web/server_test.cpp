@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tests the server alone with misbehaving clients: they must not affect others.
+// Tests the server of `ubs view` and `ubs train --serve` without training or rendering. Invalid requests,
+// slow clients and errors must not affect other clients.
 #include "host/look/serve/server.hpp"
 
 #include <catch2/catch.hpp>
@@ -18,7 +19,7 @@ namespace {
 
 using namespace std::chrono_literals;
 
-constexpr double kPrompt = 60;  // seconds; without the tested behaviour, requests would take longer or hang
+constexpr double kPrompt = 60;  // [s]; if closing waited for clients, it would take longer
 
 Picture no_picture(const PictureRequest&) {
   return {.bytes = "picture", .headers = {{"Ubs-Iteration", "7"}}};
@@ -70,7 +71,7 @@ TEST_CASE("an exception of any type while an image is rendered only ends this an
   CHECK(picture(server, request_json().dump()).status == 200);
 }
 
-TEST_CASE("numbers of a request neither overflow nor are rounded") {
+TEST_CASE("requests with numbers of a wrong type or out of range are rejected") {
   Started server;
   const auto refused = [&](const std::string& body) {
     INFO(body.substr(0, 200));
@@ -155,7 +156,7 @@ TEST_CASE("requests have a limited size, and answers support neither ranges nor 
   }
 }
 
-TEST_CASE("a connection answers one request") {
+TEST_CASE("only the first request of a connection is answered") {
   Started server;
   std::string requests;
   for (int i = 0; i < 500; ++i) requests += get("/state");
@@ -166,7 +167,7 @@ TEST_CASE("a connection answers one request") {
   CHECK(text.find("HTTP/1.1", 1) == std::string::npos);
 }
 
-// This limits the processor time of the server, whatever clients send.
+// The limit bounds the processor time of the server, however many requests clients send.
 TEST_CASE("at most 50 connections per second are accepted") {
   Started server;
   constexpr int kConnections = 20;
@@ -186,16 +187,16 @@ TEST_CASE("open connections without requests do not block other clients") {
   std::vector<Client> held;
   for (int i = 0; i < 100; ++i) {
     held.emplace_back(server);
-    if (i % 4 == 1) held.back().send("GET /state");           // continues too slowly
-    if (i % 4 == 2) held.back().send(get("/state"));          // has no token
-    if (i % 4 == 3) held.back().send(post("{}").substr(40));  // is not a valid request
+    if (i % 4 == 1) held.back().send("GET /state");           // the request is incomplete
+    if (i % 4 == 2) held.back().send(get("/state"));          // the request has no token
+    if (i % 4 == 3) held.back().send(post("{}").substr(40));  // the request is invalid
   }
   for (int i = 0; i < 10; ++i) CHECK(answer_of(server, get("/state" + token)).status == 200);
   CHECK(answer_of(server, get("/state")).status == 403);
   CHECK(answer_of(server, get("/state?token=" + std::string(32, '0'))).status == 403);
 }
 
-TEST_CASE("closing does not wait for clients that are silent, slow or do not read") {
+TEST_CASE("closing does not wait for clients that send nothing, send slowly or do not read") {
   std::optional<Started> server(std::in_place);
   std::vector<Client> held;
   for (int i = 0; i < 20; ++i) {
@@ -204,7 +205,7 @@ TEST_CASE("closing does not wait for clients that are silent, slow or do not rea
   }
   const Client deaf(*server);
   deaf.send(post(request_json().dump()));
-  // More data than the buffers of the system can hold.
+  // The answer has more bytes than the buffers of the system can hold.
   while (!server->serve(10ms, [](const PictureRequest&) {
     return Picture{std::string(100 << 20, 'x'), {}};
   })) {
@@ -220,7 +221,7 @@ TEST_CASE("clients that wait for an image at the end are informed that the serve
     std::optional<Started> server(std::in_place);
     const Client waiting(*server);
     waiting.send(post(request_json().dump()));
-    std::this_thread::sleep_for(round * 20ms);  // the request may come after the end
+    std::this_thread::sleep_for(round * 20ms);  // with a short time, the request may arrive after the end
     server.reset();
     status = waiting.answer().status;
   }
@@ -236,7 +237,7 @@ TEST_CASE("an address that is not local, in use or empty is a usage error") {
     INFO(address.host);
     try {
       const Server refused(address);
-      FAIL("not refused");
+      FAIL("the server was started, but an error was expected");
     } catch (const Error& error) {
       CHECK(error.kind() == ErrorKind::usage);
       CHECK(std::string(error.what()).find('\n') == std::string::npos);

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Compares pages of `ubs web` in a real browser with the images of `ubs render`: web_test.py UBS [NAME ...].
+"""Compares pages of `ubs web` in a real browser with the images of `ubs render`. Run it as web_test.py UBS [NAME ...],
+with the path of the executable ubs and the names of tests.
 
 Exits with 77 if Chromium or numpy is not installed. UBS_CHROMIUM selects another browser that is based on
 Chromium. Without NAME, all tests are run except those of LONG, which are only run with UBS_TEST_ALL=1."""
@@ -64,10 +65,10 @@ CAMERAS = [
     camera((3, 0.5, 1), (0, 0, 0), 0.4),
     camera((-1, -2.5, -0.5), (0, 0, 0), 0),
     camera((0, 2, 2), (0, 0, 0), 1),
-    camera((0.1, 0.05, 0), (1, 0.3, 0.1), 0.6),  # inside
-    camera((1.2, 0, 0.02), (-5, 0.1, 0), 0.2),  # grazing
-    camera((40, 10, 3), (0, 0, 0), 0.8),
-]  # far away
+    camera((0.1, 0.05, 0), (1, 0.3, 0.1), 0.6),  # inside the model
+    camera((1.2, 0, 0.02), (-5, 0.1, 0), 0.2),  # close to the model
+    camera((40, 10, 3), (0, 0, 0), 0.8),  # far away
+]
 
 
 # Returns the comments with the cameras in the header of the model file (docs/data.md).
@@ -104,7 +105,7 @@ def rows(rng, n, dim, switches, size=1.0):
     elif colour.startswith("sb"):
         lobes = int(colour[2])
         columns += [(f"f_dc_{k}", rng.normal(0, 1, n)) for k in range(3)]
-        # Values of all lobes: three colours, two angles and a beta each.
+        # Each lobe has three colours, two angles and a beta.
         columns += [
             (f"sb_params_{k}", rng.normal(0, 0.4 if k < 3 * lobes else 2 if k < 5 * lobes else 1, n))
             for k in range(6 * lobes)
@@ -252,8 +253,8 @@ def compare(page, folder, least, dims, *options, **switches):
     return f"worst {worst:.1f} dB"
 
 
-# Without quantisation, the PSNR was at least 57 dB with Chromium 156 and SwiftShader. The remaining error is due to
-# rounding to 8 bits.
+# Tests a page without quantisation (--exact). The observed PSNR is at least 57 dB with Chromium 156 and SwiftShader.
+# The remaining error is due to rounding to 8 bits.
 def exact(dims, **switches):
     return lambda page, folder: compare(page, folder, 45, dims, "--exact", **switches)
 
@@ -262,12 +263,13 @@ def quantised(*dims):
     return lambda page, folder: compare(page, folder, 40, dims)
 
 
-# Learnt weights are stored in the rows of the query betas, but are not betas.
+# Tests a model with learnt conditioning weights. They are stored in the rows of the query betas, but are not betas, so
+# the page must not show sliders for betas.
 def learnt(page, folder):
     form = {"conditioning": "direct", "kernel": "gaussian", "beta_opacity": "gaussian"}
     said = compare(page, folder, 45, (6,), "--exact", **form)
     assert page.run("V.model.betas") == [], page.run("V.model.betas")
-    assert page.run("document.querySelector('.more')") is None, "controls of betas that the model does not have"
+    assert page.run("document.querySelector('.more')") is None, "the page shows sliders for betas that do not exist"
     return said
 
 
@@ -345,7 +347,8 @@ def poster(page, folder):
         assert len(shot["data"]) > 10000, "the page is black before the first frame"
 
 
-# The first level is shown before the rest of the page has arrived, and the last level is the whole model.
+# Tests pages with several levels: the first level is shown before the rest of the page has arrived, and the last level
+# is the whole model.
 def levels(page, folder):
     model, html = folder / "model.ply", folder / "model.html"
     write_model(model, (7, 3), count=16000, size=0.3)
@@ -395,7 +398,8 @@ def levels(page, folder):
     page.open(folder / "cut.html")
     page.run("V = document.getElementById('ubs-viewer').viewer, V.complete.then(() => 0)")
     assert page.run("V.failed") == "the model is cut off", page.run("V.failed")
-    # A level that cannot be unpacked remains the next one, and no other level is used instead.
+    # If the second level is damaged, the page reports this, continues to show the first level, and does not use the
+    # third level instead.
     second = text.index(b">", text.index(b"octet-stream", first)) + 2000
     (folder / "bad.html").write_bytes(text[:second] + b"AAAA" * 8 + text[second + 32 :])
     page.open(folder / "bad.html")
@@ -407,7 +411,7 @@ def levels(page, folder):
         V.worker.onmessage = (event) => {
             const text = event.data.text || '';
             said.push(text);
-            if (text.startsWith('Cannot')) done(said);  // the frame, which has no camera
+            if (text.startsWith('Cannot')) done(said);  // the answer to 'frame', which is sent without a camera
         };
         V.worker.postMessage({kind: 'end'});
         V.worker.postMessage({kind: 'frame'}); })""")
@@ -420,7 +424,7 @@ def levels(page, folder):
     return f"{psnr(coarse, truth):.1f} dB, then {psnr(whole, truth):.1f} dB"
 
 
-# A report has the viewer at the top, in addition to its other images, and an option of the command removes it.
+# Tests that a page of `ubs report` has a viewer of the model at the top, which --no-viewer removes.
 def report(page, folder):
     data, run = folder / "data", folder / "run"
     ubs("synth", "orbit", "--out", data, "--size", 64, "--views", 12, "--test-views", 2)
@@ -458,7 +462,7 @@ def interaction(page, folder):
     assert page.run("V.options.title") == "<b>a & b\\x01", page.run("V.options.title")
     page.run("V.automatic = false, V.scale = 1, document.querySelector('details').open = false")
     before = [settled(page)]
-    # The sliders of betas are folded away.
+    # The sliders of betas are hidden until the user opens their section.
     page.run("document.querySelector('.panel').open = true")
     seen = "document.querySelector('[data-beta=spatial-1]').checkVisibility()"
     assert not page.run(seen)
@@ -559,8 +563,7 @@ def interaction(page, folder):
     quiet(page)
 
 
-# If a byte of the container is changed or it is truncated, the page reports this.
-# A page marks views that differ too much from those of all cameras, but not near one of them.
+# Tests that a page marks views that differ much from those of all cameras, but no views near one of the cameras.
 def unseen(page, folder):
     model, html = folder / "model.ply", folder / "model.html"
     write_model(model, (6,))
@@ -584,7 +587,7 @@ def unseen(page, folder):
         assert marked(act), act
     assert "No camera saw" in page.run("getComputedStyle(V.stage, '::after').content")
     quiet(page)
-    # The cameras of a model that lists none are placed around it by ubs, and nothing is marked.
+    # If a model contains no cameras, ubs places some around the model, and no view is marked.
     lines = model.read_bytes().split(b"\n")
     model.write_bytes(b"\n".join(line for line in lines if not line.startswith(b"comment ubs_camera")))
     ubs("web", model, "--out", html, "--exact", "--quiet", "--overwrite")
@@ -594,6 +597,8 @@ def unseen(page, folder):
     quiet(page)
 
 
+# Tests that the page reports damaged files: if a byte is changed, if the file is truncated, or if values in the header
+# do not fit the data.
 def damage(page, folder):
     model, html = folder / "model.ply", folder / "model.html"
     write_model(model, (6,))
@@ -606,7 +611,7 @@ def damage(page, folder):
     header = 16 + struct.unpack_from("<I", good, 8)[0]
 
     def altered(payload=good[header:], **changes):
-        """Returns the file with other values in the entry of its group."""
+        """Returns the file with other values in the header entry of its group of splats."""
         words = json.loads(good[16:header])
         words["groups"][0].update(changes)
         text = json.dumps(words).encode()
@@ -648,7 +653,7 @@ def damage(page, folder):
     assert resident(page) < before + 5e8
 
 
-# A header whose checksum fits but whose values `ubs` does not write is rejected, by the page and by `ubs`.
+# Tests that the page and `ubs` reject headers with values that `ubs` never writes, although the checksum is correct.
 def hostile(page, folder):
     model, html = folder / "model.ply", folder / "model.html"
     write_model(model, (6,))
@@ -663,7 +668,7 @@ def hostile(page, folder):
         return struct.pack("<4sIII", b"UBSZ", version, len(text), zlib.crc32(text)) + text + payload
 
     def changed(path, value, version=1):
-        """Returns the file in which the member at the path has another value."""
+        """Returns the file in which one value of the header is replaced. `path` contains the keys that lead to it."""
         all_words = json.loads(json.dumps(words))
         if version == 2:
             all_words["levels"] = [{"bytes": len(payload), "psnr": 50, "groups": all_words.pop("groups")}]
@@ -676,7 +681,7 @@ def hostile(page, folder):
         return file(json.dumps(all_words), version)
 
     def said(data):
-        """Returns the error of the worker for this file, or the number of its splats."""
+        """Loads the file in the worker of the page. Returns the error message, or the number of splats."""
         return page.run(
             """new Promise((done) => {
             const text = document.getElementById('ubs-worker').textContent;
@@ -728,12 +733,13 @@ def hostile(page, folder):
             (folder / "bad.ubsz").write_bytes(data)
             ubs("info", folder / "bad.ubsz", code=3)
             tested += 1
-    # `ubs` does not need these values, and reads any number of levels.
+    # The page rejects the next three files, but `ubs` does not: it does not need these values, and reads any number of
+    # levels.
     assert said(changed(["switches"], None)) == invalid
     assert said(changed([*level, "psnr"], "50", 2)) == invalid
     empty = {"bytes": len(payload), "psnr": 50, "groups": []}
     assert said(changed(["levels"], [empty] * 9, 2)) == invalid
-    assert said(changed([*level, "psnr"], None, 2)) == COUNT  # an infinite PSNR
+    assert said(changed([*level, "psnr"], None, 2)) == COUNT  # null means an infinite PSNR
     assert said(changed([*level, "bytes"], len(payload) + 1, 2)) == "the model is cut off"
     assert said(changed([*level, "bytes"], len(payload) // 2, 2)) in ("the model is cut off", "the model is damaged")
     for text in ("", "{", "[]", "null", "7", "[" * 100_000, '{"switches": {}, "groups": [{"dim": 1e999}]}'):
@@ -745,7 +751,7 @@ def hostile(page, folder):
     return f"{tested} headers"
 
 
-# Returns the memory of all processes of the browser.
+# Returns the resident memory of all processes of the browser [bytes].
 def resident(page):
     parents, sizes = {}, {}
     for entry in Path("/proc").iterdir():
@@ -767,7 +773,7 @@ def memory(page, folder):
     page.open(html, (160, 120))
     wait(page)
     held = []
-    for _ in range(4):  # the first part warms up
+    for _ in range(4):  # growth is measured after the second part, because memory is allocated in the first frames
         page.run(
             "(async () => { for (let i = 0; i < 80; ++i) { V.camera.orbit(0.02, 0); "
             "await V.settled(); } gc(); })()",
@@ -775,11 +781,11 @@ def memory(page, folder):
         )
         held.append((page.run("performance.memory.usedJSHeapSize"), resident(page)))
     growth = [held[-1][k] - held[1][k] for k in (0, 1)]
-    # Observed: 20 kB of objects. The memory of all processes varies by a few MB.
+    # The observed growth is 20 kB of JavaScript objects. The memory of all processes varies by a few MB.
     assert growth[0] < 1.5e5, held
     assert growth[1] < 1.5e7, held
     quiet(page)
-    return f"160 frames: {growth[0] / 1e3:.0f} kB of objects, {growth[1] / 1e6:.1f} MB in all"
+    return f"growth in 160 frames: {growth[0] / 1e3:.0f} kB of objects, {growth[1] / 1e6:.1f} MB in all processes"
 
 
 def container(page, folder):
@@ -830,8 +836,8 @@ TESTS = {
 }
 
 
-# This is not a test. It measures the frames per second of a page on this machine, from the fastest frame, because other
-# programs may use the machine.
+# This is not a test. It measures the frames per second of a page on this machine. The fastest frame is used, because
+# other programs may slow down some frames.
 def speed(page, folder):
     model, html = folder / "model.ply", folder / "model.html"
     for dim, count in ((6, 15000), (6, 100000), (7, 100000)):
@@ -856,14 +862,15 @@ def speed(page, folder):
         )
         frame, slice_, sort, drawn = np.min(np.array(took), 0)
         print(
-            f"N = {dim}, {count} splats, 400 x 400: {1000 / frame:.1f} frames a second, "
+            f"N = {dim}, {count} splats, 400 x 400: {1000 / frame:.1f} frames per second, "
             f"conditioning and projection {slice_:.1f} ms, sort and copy {sort:.1f} ms, {drawn:.0f} drawn; opened in {opened:.1f} s",
             flush=True,
         )
 
 
 MEASURES = {"speed": speed}
-# The mixed model has blocks of these sizes, quantised in the same way.
+# These tests are only run with UBS_TEST_ALL=1, because quantised-mixed tests a model that contains splats of all these
+# dimensions.
 LONG = ("quantised-3", "quantised-6", "quantised-7")
 
 
@@ -884,7 +891,7 @@ def main():
                 try:
                     said = {**TESTS, **MEASURES}[name](page, Path(folder)) or ""
                     print(f"passed  {name} ({time.time() - begin:.1f} s) {said}", flush=True)
-                except Exception as error:  # the next tests are also run
+                except Exception as error:  # the following tests are still run
                     failures += 1
                     print(f"FAILED  {name}: {type(error).__name__}: {error}", flush=True)
     finally:

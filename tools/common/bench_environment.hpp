@@ -8,6 +8,6 @@ namespace ubs::tools {
 
 std::string utc_date();  // "2026-11-20T04:09:50Z"
 std::string host_name();
-std::string command_line();  // of this process, quoted for a shell
+std::string command_line();  // the command line of this process, quoted for a shell
 
 }  // namespace ubs::tools

@@ -13,7 +13,8 @@ namespace ubs::tools {
 // Option groups whose name starts with this text are only shown by --help-all.
 inline constexpr const char* kRareGroup = "More settings";
 
-// Must be called before subcommands are added, because they inherit what it sets.
+// Must be called before subcommands are added, because they inherit the formatter and the help options that
+// it sets.
 void prepare_help(CLI::App& root);
 // Adds a subcommand to its group, with its examples.
 void explain_command(CLI::App& root, const Command& command, const CommandEntry& entry);

@@ -11,8 +11,9 @@ namespace ubs::tools {
 namespace {
 
 constexpr std::array kRequests{SIGINT, SIGTERM, SIGHUP};
-// Programs such as `timeout` send the same signal twice, to the process and to its group, and others pass a
-// Ctrl-C on to a process that got it from the terminal, too.
+// A further signal within these times counts as a part of the same request. Programs such as `timeout` send a
+// signal twice, to the process and to its group, and other programs pass a Ctrl-C on to a process that has
+// already received it from the terminal.
 constexpr std::int64_t kSameCtrlCMs = 500, kSameRequestMs = 2000;
 
 // This must be read when the program starts, because LLVM in OpenCL drivers replaces the handlers later.

@@ -22,7 +22,7 @@ class InterruptGuard {
   bool interrupted() const;
   // Returns whether the loop must end now.
   bool must_end() const;
-  // The loop has ended: a further Ctrl-C does not ask it to end, but has its usual effect.
+  // Must be called when the loop has ended. A Ctrl-C after an earlier one then has its usual effect.
   void loop_ended();
 
  private:
@@ -30,7 +30,7 @@ class InterruptGuard {
 };
 
 // While an object of this class exists, any of these signals ends the program immediately, with a message and
-// kInterruptedExitCode. Used for work that leaves nothing behind.
+// kInterruptedExitCode. It is used for work that writes no files.
 class EndOnRequest {
  public:
   // `line` is printed to stderr. It must exist until the program ends, like a string literal.

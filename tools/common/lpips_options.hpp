@@ -14,8 +14,8 @@ namespace ubs::tools {
 class LpipsOptions {
  public:
   explicit LpipsOptions(CLI::App& app);
-  // Returns a request for SSIM only if --lpips is not given. Throws Error(usage) for unknown networks or
-  // missing weights.
+  // Returns the networks, weights and ranges that the options request. Without --lpips, the request contains
+  // no networks. Throws Error(usage) for unknown networks or missing weights.
   LpipsRequest request() const;
   bool wanted() const { return !networks_.empty(); }
 

@@ -16,7 +16,8 @@
 
 namespace ubs::tools {
 
-// The options --model (or the first argument), --data, --split, --device, and the settings for rendering.
+// ModelOptions holds the options --model (or the first argument), --data, --split and --device, and the
+// settings for rendering.
 struct ModelOptions {
   ModelOptions(CLI::App& app, std::vector<std::string_view> keys);
 
@@ -41,7 +42,8 @@ inline constexpr const char* kModelHelp =
 CLI::Option* add_model_option(CLI::App& app, const std::string& name, std::string& model,
                               const std::string& help = kModelHelp);
 
-// The data that a run was trained on. Empty if there is no run, or if it was trained on other data.
+// RunData describes the data that a run was trained on. Its members are empty if there is no run, or if the
+// run was trained on other data.
 struct RunData {
   // Settings of the run, which tell how it read the data (downscale, test_every, ...).
   std::optional<TrainSettings> settings;

@@ -29,8 +29,8 @@ std::string json_file_text(const Json& json);
 Json report_json(const LoadReport& report);
 Json device_json(const DeviceInfo& info);
 Json groups_json(const MixedModel& model);  // [{"dim": 6, "splats": 100}, ...]
-// Returns {"0%": minimum, "5%", "25%", "50%", "75%", "95%", "100%": maximum} by nearest rank; nulls if there
-// are no values.
+// Returns the quantiles {"0%": minimum, "5%", "25%", "50%", "75%", "95%", "100%": maximum}. Each of them is
+// one of the values (the nearest rank). They are null if there are no values.
 Json quantiles_json(std::vector<double> values);
 // `Measured` is ViewMetrics or FittedMetrics.
 template <typename Measured>

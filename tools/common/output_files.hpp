@@ -17,9 +17,9 @@ using Paths = std::vector<std::filesystem::path>;
 
 void add_overwrite_option(CLI::App& app, bool& overwrite);
 
-// For files that are written one by one. Throws Error(usage) if a file is one of the inputs (compared after
-// resolving links), is listed twice, or exists while `overwrite` is false. Throws Error(data) if it is not an
-// ordinary file, or if its folder is not writable. Empty paths are skipped.
+// Checks files that a command writes one by one. Throws Error(usage) if a file is one of the inputs (compared
+// after resolving links), is listed twice, or exists while `overwrite` is false. Throws Error(data) if it is
+// not an ordinary file, or if its folder is not writable. Empty paths are skipped.
 void check_output_files(const Paths& files, const Paths& inputs, bool overwrite);
 
 // Makes only two of these checks: throws Error(usage) for files that exist and Error(data) for files that are
@@ -33,9 +33,9 @@ void check_apart(const std::filesystem::path& folder, const Paths& data);
 // Throws Error(usage) if images of the views are directly in the folder.
 void check_apart_from_images(const std::filesystem::path& folder, const Split& views);
 
-// For files of known `names` in a folder. Calls check_apart() and checks the files like check_output_files(),
-// with the data as inputs. Then creates the folder if necessary and locks it against other processes. Returns
-// null for an empty path.
+// Prepares a folder for files with these `names`. Calls check_apart() and checks the files like
+// check_output_files(), with the data as inputs. Then creates the folder if necessary and locks it against
+// other processes. Returns null for an empty path.
 std::unique_ptr<FolderLock> take_folder(const std::filesystem::path& folder, const Paths& names,
                                         const Paths& data, bool overwrite);
 

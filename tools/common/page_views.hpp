@@ -22,7 +22,7 @@ Split page_views(const ModelOptions& options, const LoadedModel& loaded, const T
 bool are_captured(const ModelOptions& options, const LoadedModel& loaded);
 
 // Returns the initial state of the server's page. The title is made from `path`, the path of the model or
-// run. `captured`: the cameras of the views took the photographs of the scene.
+// run. `captured` states whether photographs of the scene were taken from the views.
 serve::Scene served_scene(const std::string& path, const MixedModel& model, const Split& views, bool captured,
                           const FrameHints& hints = {});
 

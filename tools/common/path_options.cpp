@@ -93,7 +93,7 @@ PathOptions::PathOptions(CLI::App& app) {
       ->excludes("--path")
       ->group("Camera path");
   frames_option_ =
-      add("--path-frames", frames_, "number of images along the path [120; without data and --path 4]", "N");
+      add("--path-frames", frames_, "number of images along the path [120; 4 without data and --path]", "N");
   frames_option_->check(from_to(1, kMaxFrames));
   app.add_option("--fps", fps_, "frames per second of the video [30]")
       ->type_name("NUMBER")
@@ -105,10 +105,11 @@ PathOptions::PathOptions(CLI::App& app) {
       add("--loops", loops_, "number of turns of an orbit or spiral; negative: in the other direction [1]",
           "NUMBER");
   app.add_option("--time", time_,
-                 "fixed time (also without --path), or first and last time [of the keyframes, otherwise 0:1]")
+                 "time of all images (also without --path), or times of the first and the last image [times "
+                 "of the keyframes, otherwise 0:1]")
       ->type_name("T|T0:T1")
       ->group("Camera path");
-  CLI::Option* centre = add("--centre", centre_, "point at the centre of the orbit [estimated]", "X,Y,Z");
+  CLI::Option* centre = add("--centre", centre_, "centre of the orbit [estimated]", "X,Y,Z");
   up_option_ = add("--up", up_, kUpHelp, "X,Y,Z|AXIS");
   CLI::Option* distance = add("--distance", distance_,
                               "distance of the orbit from its centre [median of the cameras of the data, "
@@ -177,7 +178,7 @@ std::unique_ptr<CameraPath> PathOptions::path(const LoadedModel& model, std::spa
     check_no_turn();
     if (up_option_->count() > 0)
       fail(ErrorKind::usage,
-           "--up does not apply to this path: it follows the orientation of existing cameras");
+           "--up does not apply to this path, which follows the orientation of existing cameras");
     return walk_path(cameras, fov);
   }
   if (!path_.ends_with(".json"))

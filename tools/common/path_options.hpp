@@ -20,8 +20,8 @@ ImageSize parse_size(const std::string& option, const std::string& text);
 Vec3 parse_vector(const std::string& option, const std::string& text);
 
 inline constexpr const char* kUpHelp =
-    "up direction of the scene: a vector, or an axis such as -y [mean of the cameras of the data, otherwise "
-    "away from a floor, otherwise -y for third-party files, also when imported, and z for ubs files]";
+    "up direction of the scene: a vector, or an axis such as -y [mean up direction of the cameras of the "
+    "data, otherwise away from a floor, otherwise z, or -y for third-party files and models made from them]";
 // Returns the properties of the scene that the model file states.
 FrameHints frame_hints(const LoadedModel& model);
 
@@ -30,8 +30,8 @@ class PathOptions {
   explicit PathOptions(CLI::App& app);
   PathOptions(const PathOptions&) = delete;
 
-  // For a model without data: selects a path that suits the model's cameras, unless the user chose one. It
-  // has only a few images, unless the user chose their number or `video` is set.
+  // Selects a path for a model without data, unless the user chose one. The path suits the cameras that the
+  // model lists. It has only a few images, unless the user chose their number or `video` is set.
   void look_around(bool video);
   bool wanted() const { return !path_.empty() || holds(); }
   // Returns whether the camera stays at one view of the data instead of following a path.
@@ -45,7 +45,8 @@ class PathOptions {
   // --path-frames is allowed with --hold, and --size is allowed if `sized` is set.
   void check_unused(bool sized = false) const;
   // Returns the views frame_0000, ... in the coordinates of the model. `cameras` are those of the data and
-  // may be empty. `even`: rounds an image size down to even numbers if the user did not choose it.
+  // may be empty. If `even` is set, an image size that the user did not choose is rounded down to even
+  // numbers.
   Split views(const LoadedModel& model, std::span<const Camera> cameras, bool even) const;
 
  private:

@@ -9,7 +9,8 @@
 
 namespace ubs::tools {
 
-// Commit of the sources at the last link, with "-dirty" if they were changed; "unknown" without git.
+// Returns the commit of the sources from which the executable was linked, with "-dirty" if they differ from
+// the commit, or "unknown" if there was no git repository.
 std::string commit();
 std::string version_line(std::string_view program = "ubs");  // "ubs 0.2.0 (build ...)"
 

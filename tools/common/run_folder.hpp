@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // RunFolder is the output folder of a training run. During the run it contains config.yaml, log.csv and
-// checkpoint.ubs. At the end it also contains model.ply, metrics.json and renders/, and continue.ubs in place
-// of checkpoint.ubs if the run can go on. If the run refines cameras, it also contains cameras/. All files except the log are written atomically. With --overwrite, a
-// run replaces files of these names and removes the renders that the metrics.json of an earlier run lists; it
-// does not touch other files.
+// checkpoint.ubs. At the end it also contains model.ply, metrics.json and renders/, and continue.ubs instead
+// of checkpoint.ubs if the run can be continued. If the run refines cameras, it also contains cameras/. All
+// files except the log are written atomically. With --overwrite, a run replaces files with these names and
+// removes the renders that the metrics.json of an earlier run lists. It does not change other files.
 #pragma once
 
 #include <filesystem>
@@ -65,9 +65,9 @@ class RunFolder {
   // ground truth on the left and the render on the right. Uses the trainer's renderer. If an image cannot be
   // written, tries again after the other images, and throws Error if this fails too.
   std::size_t save_renders(Trainer& trainer, const Split& split, int count);
-  // Called as the last step of a run: while there is a checkpoint, the end of the run can be repeated.
+  // Must be the last step of a run, because the end of the run can only be repeated from the checkpoint.
   void remove_checkpoint();
-  // Renames checkpoint.ubs to continue.ubs. An ended run can go on from there with another time budget.
+  // Renames checkpoint.ubs to continue.ubs, from which a finished run can be continued with more time.
   // Does nothing if there is no checkpoint.
   void keep_checkpoint();
 

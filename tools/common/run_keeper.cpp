@@ -16,7 +16,7 @@ Checkpoint open_checkpoint(const fs::path& folder, bool more_time) {
   if (path_exists(file)) {
     if (file == run.continuation() && !more_time)
       fail(ErrorKind::usage,
-           "{}: this run is finished: pass the time for which it goes on, such as --budget +5m",
+           "{}: this run is finished: to continue it, pass additional time, such as --budget +5m",
            folder.string());
     Checkpoint checkpoint = read_checkpoint(file);
     run.check_same_run(checkpoint, file);
@@ -39,7 +39,7 @@ bool RunKeeper::save(const TrainState& state, const TrainSettings& settings) {
   run_.first_row = folder_.first_row();
   try {
     if (folder_.writes())
-      // A resumed run does not write the rows up to here again.
+      // The rows up to here must be on the disk, because a resumed run does not write them again.
       folder_.sync_log();
   } catch (const Error&) {  // a warning was printed when writing the row failed
   }

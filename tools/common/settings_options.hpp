@@ -26,7 +26,7 @@ class SettingsOptions {
   explicit SettingsOptions(CLI::App& app, std::vector<std::string_view> keys = {});
   SettingsOptions(const SettingsOptions&) = delete;
 
-  // Requires `flag` for all these options.
+  // Makes all these options require the option `flag`.
   void need(CLI::App& app, CLI::Option* flag);
   TrainSettings resolve(TrainSettings base = {}) const;  // validated; `base` replaces the defaults
   // Allows only these fields from now on. Throws Error(usage) with the text "--OPTION `why`" if another one

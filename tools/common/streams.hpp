@@ -19,8 +19,8 @@ namespace ubs::tools {
 // size (ulimit -f), becomes an error of the call instead of ending the process.
 void prepare_streams();
 
-// For commands whose results are files. Such a command calls this function before its first output; after
-// that, the command continues even if its printed output cannot be written.
+// Must be called by commands whose results are files, before their first output. After this call, the command
+// continues even if its printed output cannot be written.
 void files_before_output();
 
 // Discards all further output to stdout.

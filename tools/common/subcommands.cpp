@@ -25,8 +25,9 @@ namespace {
 
 constexpr const char* kEnvironment =
     "Environment: UBS_DEVICE (as --device), UBS_KERNEL_DIR (kernel sources from disk), UBS_SYNC=1 (wait\n"
-    "after every kernel and name the one that fails), UBS_TUNING=off (ignore what `ubs-lab tune` stored),\n"
-    "UBS_TUNING_DIR (where it is stored), UBS_HUGE_PAGES=0 (ordinary pages for buffers of CPU devices),\n"
+    "after every kernel and name the one that fails), UBS_TUNING=off (ignore values that `ubs-lab tune`\n"
+    "stored), UBS_TUNING_DIR (folder of these values), UBS_HUGE_PAGES=0 (use ordinary pages for buffers\n"
+    "of CPU devices),\n"
     "UBS_KERNEL_CACHE (folder of compiled kernels, including PoCL's; off: do not store them),\n"
     "UBS_RANK_PATIENCE (seconds that a rank of a job waits for the others: docs/cluster.md),\n"
     "UBS_CHECK=off (also use devices that were not checked or failed the check: docs/check.md),\n"

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Runs a program with subcommands: `ubs` (tools/main.cpp) or `ubs-lab` (tools/lab/main.cpp). Every failure
-// becomes one line on stderr and the exit code of its kind (host/base/error.hpp).
+// run_program() runs a program with subcommands: `ubs` (tools/main.cpp) or `ubs-lab` (tools/lab/main.cpp).
+// Every failure becomes one line on stderr and the exit code of its kind (host/base/error.hpp).
 #pragma once
 
 #include <functional>
@@ -12,7 +12,7 @@ class App;
 
 namespace ubs::tools {
 
-// A subcommand: run() is called after parsing the command line and returns the exit code.
+// Command is a subcommand. Its run() is called after the command line was parsed, and returns the exit code.
 struct Command {
   CLI::App* app;
   std::function<int()> run;

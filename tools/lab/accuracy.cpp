@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// ubs-lab accuracy: writes a table of errors against float64 together with times, for variants of the kernels
-// on scenes and devices.
+// ubs-lab accuracy: writes a table of errors against float64 and of times. The table has a row for each
+// configuration of the kernels, each scene and each device.
 #include <CLI/CLI.hpp>
 #include <filesystem>
 #include <memory>
@@ -190,12 +190,13 @@ Command add_accuracy(CLI::App& root) {
   app->add_option("data,--data", options->data, kRunDataHelp)->type_name("DIR|FILE");
   app->add_option("--split", options->split, "split of --data [test]")->type_name("NAME");
   app->add_option("--view", options->view, "index of the view [0]")->check(not_negative())->type_name("K");
-  app->add_option("--device", options->devices, "devices, as listed by 'ubs devices' [as for other commands]")
+  app->add_option("--device", options->devices,
+                  "devices, as listed by 'ubs devices' [UBS_DEVICE, otherwise the first GPU]")
       ->delimiter(',')
       ->type_name("A,B,...");
   app->add_option("--config", options->configurations,
                   "settings to measure and compare with the default, instead of the standard configurations; "
-                  "after a bar, settings of the float64 reference (repeatable)")
+                  "settings of the float64 reference follow a vertical bar (repeatable)")
       ->expected(1)
       ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll)
       ->type_name("LABEL:KEY=VALUE,...[|KEY=VALUE]");
@@ -221,7 +222,7 @@ Command add_accuracy(CLI::App& root) {
                 "measure one tiny scene with two configurations, which takes seconds");
   app->add_flag("--quiet", options->quiet, "print errors and warnings only");
   add_overwrite_option(*app, options->overwrite);
-  // Options that only apply to a model, and options that only apply to built-in scenes.
+  // --split only applies to a model, and the options in the list below only apply to built-in scenes.
   app->get_option("--split")->needs("--model");
   return {app, [app, options] {
             for (const char* name : {"--splats", "--size", "--iterations", "--dim"})

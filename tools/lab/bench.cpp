@@ -161,7 +161,7 @@ Command add_bench(CLI::App& root) {
       ->type_name("REGEX");
   app->add_flag("--list", options->list, "print the names of the cases without running them");
   app->add_option("--device", options->devices,
-                  "devices to compare, as listed by 'ubs devices' [as for other commands]")
+                  "devices to compare, as listed by 'ubs devices' [UBS_DEVICE, otherwise the first GPU]")
       ->delimiter(',')
       ->type_name("A,B,...");
   app->add_option("--raster", options->raster, "kind of the rasteriser and the lists: auto, cpu or gpu")
@@ -179,7 +179,7 @@ Command add_bench(CLI::App& root) {
       ->type_name("DIR");
   CLI::Option* model = add_model_option(*app, "model,--model", options->model,
                                         "splat model or run folder, measured with the cameras of --data");
-  app->add_option("data,--data", options->data, "data folder of --model [that of the run]")
+  app->add_option("data,--data", options->data, "data folder with the cameras for --model [data of the run]")
       ->needs(model)
       ->type_name("DIR");
   app->add_option(

@@ -8,7 +8,8 @@
 namespace ubs::tools {
 namespace {
 
-// Maximum number of views of a model: enough for a mean, and all fit into memory.
+// Maximum number of views that a model is measured with. The mean over so many views is accurate enough, and
+// their images fit into memory.
 constexpr std::size_t kMaxViews = 32;
 
 Split shown_views(Dataset& data) {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Opens a model and a data set of any layout for `ubs-lab bench`, which then measures the model as seen by
-// the cameras of the data.
+// These functions open a model and a data set of any layout for `ubs-lab bench` and `ubs-lab tune`, which
+// measure how fast the model is rendered from the cameras of the data.
 #pragma once
 
 #include <string>

@@ -46,7 +46,7 @@ struct Inputs {
   std::vector<float> target;  // planar
 };
 
-// The results of one device that are compared.
+// Result holds the image and the gradient that one device computes.
 struct Result {
   std::vector<float> image;
   SplatModel gradient;
@@ -58,7 +58,8 @@ double milliseconds(const std::function<void()>& action) {
   return watch.milliseconds();
 }
 
-// Runs forward and backward of one view, with everything that a training iteration does up to the gradient.
+// ViewRun runs the forward pass, the loss and the backward pass of one view, like a training iteration up to
+// the gradient of the parameters.
 class ViewRun {
  public:
   ViewRun(ModelSession& session, const Inputs& in, std::uint32_t view)

@@ -16,7 +16,7 @@ namespace ubs::tools {
 
 struct ComparedStage {
   std::string name;
-  double calls = 0, ms = 0;  // for one forward and backward
+  double calls = 0, ms = 0;  // number of calls and total time for one forward and backward pass
 };
 
 struct TrainingResult {
@@ -30,16 +30,17 @@ struct TrainingResult {
   std::vector<std::pair<std::string, Spread>> parameters;  // by group
 };
 
-// All differences are relative to the first device.
+// The results of one device. All differences are those from the first device.
 struct Comparison {
   std::string request;
   DeviceInfo device;
   std::string raster;
-  // Maximum difference of a value, and the difference as PSNR [dB].
+  // Maximum difference of a value of the image, and PSNR of the image, both against the first device [dB].
   double image_max = 0, image_psnr = 0;
   double loss = 0;
   std::vector<std::pair<std::string, double>> gradient;  // relative 2-norm of the difference, by group
-  double forward_ms = 0, iteration_ms = 0;               // wall time, medians
+  // Median wall times of the forward pass, and of the forward and the backward pass together.
+  double forward_ms = 0, iteration_ms = 0;
   std::vector<ComparedStage> stages;
   std::uint64_t peak_bytes = 0;
   std::optional<TrainingResult> training;

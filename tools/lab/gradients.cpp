@@ -74,7 +74,8 @@ Json parameter_norms(const MixedModel& gradient) {
   return squares;
 }
 
-// Names and conventions are those of ubs_camera_gradient (include/ubs/ubs.h).
+// Returns the gradient with respect to the camera. Names and conventions are those of ubs_camera_gradient
+// (include/ubs/ubs.h).
 Json camera_json(const CameraGradient& gradient, const Camera& camera) {
   std::array<double, 6> pose{};
   std::ranges::copy(gradient.turn, pose.begin());

@@ -7,7 +7,7 @@
 namespace {
 
 constexpr const char* kExitCodes =
-    "Exit codes: those of ubs, and 8 worse than the baseline (bench), 9 a case failed (stress), 130 "
+    "Exit codes: those of ubs, and 8 slower than the baseline (bench), 9 a case failed (stress), 130 "
     "interrupted\n"
     "(bench, accuracy and stress keep the results so far).";
 
@@ -32,7 +32,7 @@ constexpr CommandEntry kCommands[] = {
 
 int main(int argc, char** argv) {
   const Program program{
-      "ubs-lab", "ubs-lab: measures universal beta splatting: errors and times, extreme cases, devices.",
+      "ubs-lab", "ubs-lab: measures errors and times of universal beta splatting, extreme cases and devices.",
       kExitCodes, kCommands};
   return run_program(program, argc, argv);
 }

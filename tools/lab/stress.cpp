@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// ubs-lab stress: runs stiff, extreme and random cases against float64. They are Catch2 test cases
-// (tests/stress/run_stress.hpp), so Catch2 parses the command line.
+// ubs-lab stress: runs difficult, extreme and random cases and compares their results with float64. The cases
+// are Catch2 test cases (tests/stress/run_stress.hpp), so Catch2 parses the command line.
 #include <CLI/CLI.hpp>
 #include <string>
 #include <vector>

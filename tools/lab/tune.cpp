@@ -31,7 +31,7 @@ struct TuneOptions {
 
 std::string verdict(const bench::Trial& trial) {
   if (!trial.note.empty()) return trial.note;
-  return fmt::format("{:9.3f} ms, {:.3f} +- {:.3f} of the {:.3f} ms before{}{}", trial.ms, trial.ratio,
+  return fmt::format("{:9.3f} ms, {:.3f} +- {:.3f} times the previous {:.3f} ms{}{}", trial.ms, trial.ratio,
                      trial.uncertainty, trial.before_ms,
                      trial.difference > 0 ? fmt::format(", results differ by {:.0e}", trial.difference) : "",
                      trial.kept ? "  <- kept" : "");
@@ -139,10 +139,11 @@ Command add_tune(CLI::App& root) {
       ->type_name("KIND");
   app->add_option(
          "--size", options->size,
-         "image size and number of splats of the synthetic scene, such as 400x400/100K [chosen by device]")
+         "image size and number of splats of the synthetic scene, such as 400x400/100K [chosen for the "
+         "device]")
       ->type_name("WxH/SPLATS");
   add_model_option(*app, "model,--model", options->model,
-                   "splat model or run folder instead, seen by the cameras of --data")
+                   "splat model or run folder to use instead of the synthetic scene")
       ->excludes("--size");
   app->add_option("data,--data", options->data, kRunDataHelp)->type_name("DIR|FILE");
   app->add_option("--max-time", options->max_seconds,

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The program ubs_check_vectors computes the vectors with which devices are checked (host/check/vectors.hpp),
-// using the float64 reference. Usage: ubs_check_vectors FILE. The build runs it and embeds the file.
+// The program ubs_check_vectors computes the expected results that devices are checked with ("vectors", see
+// host/check/vectors.hpp). It computes them with the float64 oracle.
+// Usage: ubs_check_vectors FILE. The build runs the program and embeds the file.
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
@@ -28,8 +29,8 @@ using check::kSplats;
 using check::LossVectors;
 
 // Minimum raw spatial beta. It corresponds to an exponent of 2, for which the slope of the kernel is
-// continuous at the rim. With an exponent below 1, the gradient of a pixel at the rim has hardly a correct
-// digit in single precision, on any device.
+// continuous at the edge of its support. With an exponent below 1, the gradient of a pixel at this edge has
+// hardly any correct digits in single precision, on all devices.
 constexpr float kMinBeta = -0.69f;
 constexpr std::size_t kBatch =
     128;  // number of splats that rasterisers process at a time (kernels/gpu/raster_backward.cl)
@@ -45,7 +46,7 @@ Problem problem_of(const oracle::Scene& scene) {
   return p;
 }
 
-// Returns the number of splats in the tile in the upper left corner.
+// Returns the number of splats that reach at least one pixel into the tile in the upper left corner.
 std::size_t splats_in_first_tile(const Problem& p) {
   const oracle::Options options = oracle_options(p);
   const oracle::Frame frame(oracle::project(oracle::to_model(p.model), p.camera, options), options);
@@ -80,8 +81,8 @@ FormVectors form_vectors(const check::Form& form) {
                                                .width = check::kWidth,
                                                .height = check::kHeight,
                                                .variant = form.variant});
-  // The model is in the first tile, so that the list of this tile is longer than a batch. It extends into the
-  // other tiles, which the image covers only in part.
+  // The centre of the model is projected into the first tile, so that the list of this tile is longer than a
+  // batch. The model also extends into the other tiles, which are partly outside the image.
   scene.camera.cx = 9, scene.camera.cy = 8;
   FormVectors f;
   f.problem = problem_of(scene);
@@ -118,7 +119,8 @@ check::LossValues loss_values(const std::vector<double>& image, const std::vecto
   return v;
 }
 
-// Returns the vectors for a rendered scene, whose values are stretched so that some are outside [0, 1].
+// Returns the expected loss and its gradient for a rendered image. The values of the image are scaled so that
+// some are outside [0, 1].
 LossVectors loss_vectors() {
   const Problem p = problem_of(oracle::regular_scene({.count = 400, .seed = 6, .width = 45, .height = 35}));
   LossVectors loss{.width = p.camera.width, .height = p.camera.height};
@@ -138,7 +140,8 @@ LossVectors loss_vectors() {
   return loss;
 }
 
-// Moments and gradients have similar magnitudes, so that each term of a step has an effect.
+// Returns the expected results of Adam steps. The random moments and gradients have similar magnitudes, so
+// that each term of a step affects the result.
 AdamVectors adam_vectors() {
   AdamVectors a;
   Random random(3);

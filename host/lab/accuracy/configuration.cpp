@@ -31,14 +31,15 @@ const std::vector<Configuration>& standard_configurations() {
       // Arithmetic
       {"native maths", {"math=native"}},
       {"rough maths", {"math=rough"}},
-      // Structure of the computation: the only error is that of a different order of sums
+      // The other rasteriser adds values in a different order, which is the only additional error
       {"raster gpu", {"raster=gpu"}},
-      // Skipped work (docs/variants.md): contributions below a bound
+      // Splats are skipped in pixels in which their alpha is below this value (docs/variants.md)
       {"alpha_min 0.0001", {"alpha_min=0.0001"}},
       {"alpha_min 0.001", {"alpha_min=0.001"}},
       {"alpha_min 1/255", {"alpha_min=0.00392157"}},
       {"native + alpha_min 0.001", {"math=native", "alpha_min=0.001"}},
-      // Rotation: approximations of exp A with the same parameters; the truth is exp in float64
+      // Approximations of the rotation exp A that use the same parameters A. Their results are compared with
+      // those of the exact rotation exp A in float64.
       {"rotation exp", {"rot_mode=exp"}, {"rot_mode=exp"}},
       {"rotation taylor1", {"rot_mode=taylor1"}, {"rot_mode=exp"}},
       {"rotation taylor2", {"rot_mode=taylor2"}, {"rot_mode=exp"}},
@@ -57,7 +58,7 @@ Configuration parse_configuration(const std::string& text) {
   const std::size_t bar = rest.find('|');
   configuration.settings = split(rest.substr(0, bar), ',');
   if (bar != std::string::npos) configuration.truth = split(rest.substr(bar + 1), ',');
-  apply({}, configuration);  // rejects unknown keys before anything runs
+  apply({}, configuration);  // throws now if a key is unknown, before any measurement starts
   return configuration;
 }
 

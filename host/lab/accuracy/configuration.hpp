@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Configuration is a labelled set of settings for training and rendering whose accuracy is measured. To
-// measure a new switch, add a line to the table of standard configurations.
+// measure a new setting, add a line to the table of standard configurations (configuration.cpp).
 #pragma once
 
 #include <string>
@@ -12,8 +12,9 @@ namespace ubs::accuracy {
 
 struct Configuration {
   std::string label;
-  std::vector<std::string> settings;  // "key=value", as for --set
-  // Settings of the variant that serves as the truth; empty: the variant of `settings`.
+  std::vector<std::string> settings;  // each is "key=value", as in the option --set
+  // Settings of the variant that the float64 reference computes. Empty: it computes the variant of
+  // `settings`.
   std::vector<std::string> truth = {};
 };
 
@@ -21,13 +22,15 @@ struct Configuration {
 const std::vector<Configuration>& standard_configurations();
 
 // Parses "label:key=value,key=value". "label" alone means the default settings. In
-// "label:key=value|key=value", the settings after the bar define the truth. Throws Error(usage).
+// "label:key=value|key=value", the settings after the bar are `truth`. Throws Error(usage).
 Configuration parse_configuration(const std::string& text);
 
-// Returns `base` with the settings of the configuration. Throws Error(usage) with a message that contains the
-// label.
+// Returns `base` after applying the settings of the configuration. Throws Error(usage) with a message that
+// contains the label.
 TrainSettings apply(TrainSettings base, const Configuration& configuration);
-// These functions return the variant of the truth, and its name for tables: "same" or, for example, "exp".
+// These functions return the variant that the float64 reference computes, and its name for tables. The name
+// is "same" if it is the variant of the configuration; otherwise it lists the values in `truth`, such as
+// "exp".
 ModelVariant truth_variant(const TrainSettings& base, const Configuration& configuration);
 std::string truth_name(const Configuration& configuration);
 

@@ -62,7 +62,7 @@ class Measurement {
  private:
   struct Entry {
     std::unique_ptr<Problem> problem;
-    std::unique_ptr<check::StageRun> run;  // null: the configuration does not run here
+    std::unique_ptr<check::StageRun> run;  // null: it does not run on this device
     std::map<std::string, int> calls;      // calls per sample, by stage
     std::map<std::string, std::vector<double>> ms;
   };
@@ -92,7 +92,7 @@ const TruthEntry& Measurement::truth_of(const Configuration& configuration) {
                   settings.eps2d, settings.lambda_dssim, settings.query_grad);
   const auto found = truths_.find(key);
   if (found != truths_.end()) return found->second;
-  say(fmt::format("float64, variant {}", to_string(variant)));
+  say(fmt::format("computing the float64 reference of the variant {}", to_string(variant)));
   const Problem problem = problem_of(scene_, settings, variant);
   return truths_.emplace(key, TruthEntry{compute_truth(problem), compute_stage_truth(problem)}).first->second;
 }
@@ -120,7 +120,7 @@ void Measurement::prepare(const Configuration& configuration) {
     result.stages.push_back({{"iteration", check::group_errors(model.layout(), model.count,
                                                                entry.run->gradient_of(truth.whole.v_image),
                                                                truth.whole.gradient)}});
-    // Single stages can only be compared if the truth has the same variant.
+    // Single stages can only be compared if the float64 reference has the same variant.
     if (configuration.truth.empty())
       for (check::StageErrors& stage : entry.run->stage_errors(truth.stages))
         result.stages.push_back({stage});
@@ -156,7 +156,7 @@ void Measurement::time_once(Entry& entry, const Result& result) {
 // Each round starts with a different configuration, so that no configuration always runs after the same one.
 void Measurement::time_rounds() {
   for (std::size_t round = 0; round < options_.rounds; ++round) {
-    say(fmt::format("times, round {} of {}", round + 1, options_.rounds));
+    say(fmt::format("measuring times, round {} of {}", round + 1, options_.rounds));
     for (std::size_t i = 0; i < entries_.size(); ++i) {
       const std::size_t which = (i + round) % entries_.size();
       if (entries_[which].run) time_once(entries_[which], results_[which]);

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// measure() measures the errors and times of configurations on one device and scene. They are timed in turns:
-// each round runs every configuration once, so that other load on the machine affects all of them alike.
+// measure() measures the errors and times of configurations on one device and scene. The configurations are
+// timed in turns: each round runs every configuration once, so that other load on the machine affects all of
+// them alike.
 #pragma once
 
 #include <functional>
@@ -17,17 +18,18 @@ struct TimedErrors : check::StageErrors {
   double ms = 0;  // median over the rounds
 };
 
-// Result is a row of the table: a configuration on a scene and a device.
+// Result contains the measurements of one configuration on one scene and device. It is a row of the table.
 struct Result {
   std::string form, truth;  // Configuration::label, truth_name()
   int dim = 0;              // N
   std::string scene, device;
-  std::string note;          // not empty: the reason why the configuration does not run here
+  std::string note;          // not empty: the reason why the configuration does not run on this device
   double contributions = 0;  // Truth::contributions
-  // "forward" has the error of the image. "iteration" (forward, loss, backward; no update) has the errors of
-  // the gradients by parameter group. For "iteration", the exact image gradient is used as input, because the
-  // sign of L1 is arbitrary where image and target agree within rounding. If the truth has the same variant,
-  // the single stages on exact inputs follow.
+  // The first two entries are "forward" and "iteration". "forward" has the error of the image. "iteration"
+  // (forward, loss, backward; no update) has the errors of the gradients by parameter group. The input of
+  // this backward pass is the exact image gradient, because the sign of the L1 gradient is arbitrary in
+  // pixels in which image and target agree within rounding. If the reference has the same variant as the
+  // configuration, one entry for each stage follows; the inputs of these stages are exact.
   std::vector<TimedErrors> stages;
 };
 
@@ -41,13 +43,13 @@ struct NamedScene {
 struct MeasureOptions {
   std::vector<Configuration> configurations;
   std::size_t rounds = 9;
-  double sample_ms = 10;       // a stage is repeated until one sample takes this long
-  std::function<bool()> stop;  // called between configurations and rounds; true: stop
+  double sample_ms = 10;       // a stage is repeated until one sample takes this long [ms]
+  std::function<bool()> stop;  // called between configurations and rounds; returns true to stop
   std::function<void(const std::string&)> on_progress;
 };
 
-// Returns the results in the order of the configurations, or fewer if stopped. Throws Error(usage) if none of
-// them runs.
+// Returns the results in the order of the configurations. Returns fewer results if `stop` returned true.
+// Throws Error(usage) if none of the configurations runs on the device.
 std::vector<Result> measure(Device& device, const NamedScene& scene, const MeasureOptions& options);
 
 }  // namespace ubs::accuracy

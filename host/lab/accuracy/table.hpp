@@ -11,12 +11,13 @@
 
 namespace ubs::accuracy {
 
-// These functions return the header and the rows of the text table. It has one row per configuration. For
-// each stage, it shows the typical error of the worst quantity and the time in ms.
+// These functions return the header and the rows of the text table. The table has one row per configuration.
+// For each stage, a row shows the typical error of the worst quantity and the time in ms.
 std::string table_header();
 std::string table_row(const Result& result);
 
-// These functions return the results with one entry per configuration, stage and quantity.
+// These functions return the results as CSV text and as JSON. For each configuration and stage, both contain
+// the errors of each quantity.
 std::string table_csv(std::span<const Result> results);
 nlohmann::ordered_json table_json(std::span<const Result> results);
 

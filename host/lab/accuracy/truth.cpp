@@ -14,8 +14,9 @@
 namespace ubs::accuracy {
 namespace {
 
-constexpr float kFarAway = -1e6f;  // [px]
-constexpr float kReach = 11.1f;    // no kernel has an effect beyond this r
+constexpr float kFarAway = -1e6f;  // position of invisible splats, far outside the image [px]
+// No kernel has an effect beyond this squared distance r (kernels/math/cull.h).
+constexpr float kReach = 11.1f;
 
 using Factor = std::array<double, 3>;  // L00, L01, L11
 
@@ -38,7 +39,8 @@ std::vector<double> image_gradient(const Problem& p, std::span<const double> ima
   return v;
 }
 
-// Returns the factor L = [[L00, L01], [0, L11]] with Q = L^T L, as in the records.
+// Returns the factor L = [[L00, L01], [0, L11]] of the conic Q = L^T L. The records of projected splats
+// contain this factor (kernels/layout.h).
 Factor factor(const std::array<double, 3>& q) {
   const double l00 = std::sqrt(q[0]), l01 = q[1] / l00;
   return {l00, l01, std::sqrt(std::max(0.0, q[2] - l01 * l01))};
@@ -71,7 +73,7 @@ oracle::Footprint<double> footprint_of(const double* r, bool visible) {
   return f;
 }
 
-// Converts the gradient of the conic to that of the ellipse, which the product uses: W = -L Q' L^T for the
+// Converts the gradient of the conic to that of the ellipse, which the kernels use: W = -L Q' L^T for the
 // gradient Q' of the conic Q = L^T L. In the packed form of Q' the off-diagonal entry counts twice
 // (kernels/math/blend.h). The other values, and the order of all values, are the same in kGrad* and in the
 // footprint gradient of the oracle.
@@ -171,7 +173,8 @@ StageTruth compute_stage_truth(const Problem& p) {
     oracle::FootprintGradient g{};
     std::copy_n(&v_records[i * kGradStride], g.size(), g.begin());
     given.push_back(
-        // project_backward gets the exact model and therefore has the exact ellipse.
+        // project_backward computes the ellipse from the exact model, so use the exact factor here instead of
+        // the rounded one in the records.
         from_ellipse(g, factors[i]));
   }
   t.v_params = oracle::parameter_gradients(frame, model, p.camera, options, given);

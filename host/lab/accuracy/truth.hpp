@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // compute_truth() computes one view of a model, its loss and its gradient in float64. compute_stage_truth()
 // does the same stage by stage, where the input of each stage is the exact result of the previous stages
-// rounded to float32. Both use the oracle of host/lab/oracle, which is written from the method alone and
-// differentiates with a tape.
+// rounded to float32. Both use the oracle of host/lab/oracle, which shares no code with the kernels and
+// computes derivatives automatically with a tape.
 #pragma once
 
 #include <vector>
@@ -16,7 +16,7 @@ namespace ubs::accuracy {
 using check::Problem;
 using check::StageTruth;
 
-// Returns the 8-bit image / 255 as planes.
+// Returns the values of the 8-bit image divided by 255, as three planes (red, green, blue).
 std::vector<float> planar_target(const Image8& image);
 
 struct Truth {

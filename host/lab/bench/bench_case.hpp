@@ -13,7 +13,7 @@ struct BenchCase {
   std::size_t splats = 0;
   int width = 0, height = 0;
 
-  std::string name() const;  // "adam.synthetic.30K.200x200"
+  std::string name() const;  // returns, for example, "adam.synthetic.30K.200x200"
   bool operator==(const BenchCase&) const = default;
 };
 
@@ -27,15 +27,15 @@ SceneSize parse_scene_size(const std::string& text);
 std::string count_text(std::size_t count);
 
 struct CaseOptions {
-  std::vector<SceneSize> sizes;  // replace the standard sizes of each scene
-  bool quick = false;            // one small size per scene
-  // Sizes of the scenes that are read from files. They are omitted if `splats` is 0.
+  std::vector<SceneSize> sizes;  // of all scenes that are not read from files; empty: standard sizes
+  bool quick = false;            // if `sizes` is empty: use one small size for these scenes
+  // Sizes of the two scenes that are read from files. A scene is omitted if its `splats` is 0.
   SceneSize garden, model;
   // The model has splats of different dimensions, so only rendering can be measured.
   bool mixed_model = false;
 };
 
-// Returns the stages of a training step in their order.
+// Returns the names of the stages of a training step in the order in which they run.
 const std::vector<std::string>& step_stages();
 
 // Returns all cases, scene by scene.

@@ -45,7 +45,8 @@ std::vector<float> garden_array(const std::filesystem::path& folder, const char*
   const std::filesystem::path file = folder / fmt::format("{}.npy", name);
   NpyArray array = read_npy(file);
   if (array.values.empty() || array.values.size() % columns != 0)
-    fail(ErrorKind::data, "{}: {} values", file.string(), array.values.size());
+    fail(ErrorKind::data, "{}: {} values are not enough, or not a multiple of the number of columns",
+         file.string(), array.values.size());
   return std::move(array.values);
 }
 

@@ -18,23 +18,24 @@ struct BenchScene {
   SplatModel model;
   Split views;  // with images
   std::array<float, 3> background{0, 0, 0};
-  // A model whose splats have different dimensions; `model` is its first group. It can be rendered, but not
-  // trained.
+  // Used only if the splats of the model have different dimensions. Then `model` is the first group of
+  // `mixed`, and the scene can be rendered, but not trained.
   MixedModel mixed{};
 };
 
 // Returns a scene that resembles a trained object. It consists of two crossed ellipsoids that fill 46 % of
 // the image, with about 50 blended splats per pixel. Sizes and anisotropies are log-normal, and 45 % of the
-// splats have a low opacity. The splats depend slightly on the view and have no order in memory. These
-// statistics are those of the prototypes with which the structure of the rasterisers was chosen.
+// splats have a low opacity. The splats depend slightly on the view and are stored in random order. The
+// prototypes that were used to choose the structure of the rasterisers had the same statistics.
 BenchScene synthetic_object(int dim, std::size_t splats, int width, int height, std::size_t views = 4);
 
-// Returns a scene as at the start of training: random splats in a box, cameras around it, and a white
-// background. Beta splats start as in method.md 1.3. Gaussians start as in 3DGS, with the neighbour distance
-// as standard deviation and opacity 0.1, which gives about five times as many blended splats per pixel.
+// Returns a scene at the start of training: random splats in a box, cameras around the box, and a white
+// background. Beta splats start as in docs/method.md, section 1.3. Gaussians start as in 3DGS, with the
+// neighbour distance as standard deviation and opacity 0.1. This gives about five times as many blended
+// splats per pixel as the start of Beta splats.
 BenchScene random_start(int dim, std::size_t splats, int width, int height, const ModelVariant& variant = {});
 
-// Returns a built-in scene of host/data/synthetic.hpp, trained for `iterations` iterations on 100x100 images.
+// TrainedOptions describes a scene of trained_scene().
 struct TrainedOptions {
   int dim = 6;
   std::size_t splats = 30'000;
@@ -42,10 +43,14 @@ struct TrainedOptions {
   std::string raster = "auto";
   ModelVariant variant = {};
 };
+// Returns a built-in scene of host/data/synthetic.hpp, trained for `iterations` iterations on images of at
+// most 100x100 pixels.
 BenchScene trained_scene(Device& device, const std::string& scene, const TrainedOptions& options);
 
-// Returns a scene with the coloured points of gsplat's test_garden.npz as initial model, its cameras, and
-// synthetic images. The folder must contain the arrays as float .npy files (docs/benchmarks.md).
+// garden_scene() returns a scene whose initial model consists of the coloured points of gsplat's
+// test_garden.npz. The scene has the cameras of this file and synthetic images. garden_size() returns the
+// size of this scene. The folder must contain the arrays of the file as float .npy files
+// (docs/benchmarks.md).
 SceneSize garden_size(const std::filesystem::path& folder);
 BenchScene garden_scene(const std::filesystem::path& folder, int dim, const ModelVariant& variant = {});
 

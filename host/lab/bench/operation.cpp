@@ -10,8 +10,8 @@
 namespace ubs::bench {
 namespace {
 
-// A launch and the wait for it take 30 to 60 us on PoCL. Short stages are repeated, so that this is a small
-// part of a sample.
+// Minimum duration of a sample. On PoCL, launching a kernel and waiting for it takes 30 to 60 us. Short
+// stages are repeated within a sample, so that this overhead is only a small part of it.
 constexpr double kSampleMs = 2;
 constexpr int kMaxCalls = 32;
 
@@ -23,7 +23,7 @@ double device_ms(Device& device, const Repeated& operation, int calls) {
   }
   double total = 0;
   for (const TimerEntry& entry : device.timings())
-    if (entry.name != "copy") total += entry.device_ms;  // copies belong to prepare()
+    if (entry.name != "copy") total += entry.device_ms;  // the copies were made by prepare()
   device.set_profiling(false);
   return total / calls;
 }

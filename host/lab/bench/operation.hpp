@@ -16,16 +16,18 @@ struct Repeated {
 
 struct Measured {
   Summary wall_ms;  // from the call until the device is idle
-  // Mean time by the device's own clock. It includes the kernels, and for iterations also the copies.
+  // Mean time of the kernels by the device's own clock. For whole training iterations, it also includes
+  // copies.
   std::optional<double> device_ms;
   double cpu_ms = 0;  // mean processor time of the whole process
 };
 
-// Runs the operation `calls` times until the device is idle, and returns the wall time per call. Adds the
-// processor time per call to `processor_ms`.
+// Runs the operation `calls` times, waits until the device is idle, and returns the wall time per call. Adds
+// the processor time per call to `*processor_ms` unless it is null.
 double timed_ms(Device& device, const Repeated& operation, int calls, double* processor_ms = nullptr);
 
-// Repeats the operation until the limits are met. The first two calls are not counted.
+// Measures the operation repeatedly until enough samples are taken or the time limit is reached (see
+// `limits`). The first two calls are not counted.
 Measured measure(Device& device, const Repeated& operation, const SamplingLimits& limits);
 
 }  // namespace ubs::bench

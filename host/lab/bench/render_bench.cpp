@@ -6,7 +6,8 @@
 namespace ubs::bench {
 namespace {
 
-// Returns a configuration without dimensions and variant, which each group of the model supplies.
+// Returns a configuration for rendering. Its number of dimensions and its variant are not used, because each
+// group of the model supplies its own.
 KernelConfig forward_only(RasterKind raster, const TrainSettings& training, const DeviceInfo& device) {
   KernelConfig config = kernel_config(KernelConfig{}.dim, {}, training, device);
   config.raster = raster;

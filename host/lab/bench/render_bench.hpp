@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// RenderBench measures the time of rendering a model as `ubs render` does. The splats may have different
-// dimensions.
+// RenderBench measures how long rendering takes. It renders a model in the same way as `ubs render`, so the
+// splats may have different dimensions.
 #pragma once
 
 #include "host/lab/bench/bench_scene.hpp"

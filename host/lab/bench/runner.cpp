@@ -32,7 +32,7 @@ class Runner {
       } catch (const Error& error) {
         if (error.kind() != ErrorKind::memory) throw;
         add_failed(which, error.what());
-      } catch (const std::bad_alloc&) {  // thrown by the host
+      } catch (const std::bad_alloc&) {  // the host has run out of memory
         add_failed(which, "out of memory");
       }
     }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// run_cases() measures cases on a device. It creates each scene once and reports every result as soon as it
+// run_cases() runs benchmarks on a device. It creates each scene once and reports each result as soon as it
 // is available.
 #pragma once
 
@@ -17,7 +17,7 @@ struct CaseResult {
   std::string name;  // name of the case
   int dim = 6;
   std::string form = "default";  // to_string(ModelVariant)
-  Summary wall_ms;               // without samples: see `note`
+  Summary wall_ms;               // has no samples if the case failed; `note` then contains the reason
   double device_ms = 0;          // 0: not measured
   double cpu_ms = 0;             // processor time per core, only for CPU devices; 0: not measured
   std::uint64_t peak_bytes = 0;
@@ -38,7 +38,7 @@ struct RunOptions {
   SamplingLimits limits;
   std::filesystem::path garden;
   std::function<BenchScene()> open_model;  // for the scene "model"
-  // Only the variant (except for the scene "synthetic") and kernel_assignments() are used.
+  // Only the variant and kernel_assignments() are used. The scene "synthetic" ignores the variant.
   TrainSettings training;
   // Called before the first case; the report has no results yet.
   std::function<void(const DeviceReport&)> on_begin;
@@ -47,10 +47,12 @@ struct RunOptions {
   std::function<bool()> stop = [] { return false; };
 };
 
-// Measures the cases. If a case does not fit into memory, its result only has a note.
+// Measures the cases. If a case does not fit into memory, its result contains no times and a note with the
+// reason.
 DeviceReport run_cases(Device& device, const RunOptions& options);
 
-// Returns the dimensions of the model of a scene. `orbit` has time, so 6 becomes 7 and 3 becomes 4 there.
+// Returns the number of dimensions of the model of a scene. The scene `orbit` changes over time, so for this
+// scene 3 becomes 4 and 6 becomes 7.
 int scene_dim(const std::string& scene, int dim);
 
 }  // namespace ubs::bench

@@ -12,9 +12,9 @@
 namespace ubs::bench {
 namespace {
 
-constexpr double kGrowth = 1.02;       // ratio of the numbers of splats after and before a refinement
-constexpr float kDeadOpacity = -6.0f;  // raw opacity; its sigmoid is 0.0025
-constexpr std::size_t kDeadEvery = 50;
+constexpr double kGrowth = 1.02;        // ratio of the numbers of splats after and before a refinement
+constexpr float kDeadOpacity = -6.0f;   // raw opacity; its sigmoid is 0.0025
+constexpr std::size_t kDeadEvery = 50;  // every 50th splat is dead before a refinement
 
 std::uint32_t grown_count(const SplatModel& model) {
   return static_cast<std::uint32_t>(std::ceil(kGrowth * static_cast<double>(model.count)));
@@ -52,7 +52,7 @@ StepBench::StepBench(Device& device, const BenchScene& scene, RasterKind raster,
     buffer->zero();
   }
   learning_rates_ = Buffer<float>(device, "learning rates", static_cast<std::size_t>(model_.rows()));
-  learning_rates_.zero();  // a step then does all its work without changing the model
+  learning_rates_.zero();  // with rates of 0, a step does all its work without changing the model
   sums_ = Buffer<float>(device, "loss sums", 8);
   const std::vector<std::uint8_t> target = planar(scene.views.views[0].image.rgb);
   target_ = Buffer<std::uint8_t>(device, "target image", target.size());
@@ -117,7 +117,7 @@ Repeated StepBench::repeated(const std::string& stage) {
               stages_.repeat<BuildLists>();
             },
             {}};
-  if (stage == "learn")  // learning rates are 0
+  if (stage == "learn")  // the learning rates are 0, so the model does not change
     return {[&] {
               stages.learn(
                   {stages_.last<ProjectBackward>(), stages_.last<Regularise>(), stages_.last<AdamStep>()});

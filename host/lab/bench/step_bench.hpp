@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// StepBench measures the times of the single stages of a training step, on the state that a real step has
-// left.
+// StepBench measures the times of the single stages of a training step. The buffers contain the results of a
+// complete step, so each stage has realistic inputs.
 #pragma once
 
 #include <string>
@@ -29,8 +29,8 @@ class StepBench {
   // Returns the results of the step: the image, followed by the gradient of each trained parameter row.
   std::vector<std::vector<float>> outputs() const;
 
-  const ListTotals& totals() const { return totals_; }      // for the view of the step
-  std::uint64_t peak_bytes() const { return peak_bytes_; }  // peak memory of the step
+  const ListTotals& totals() const { return totals_; }      // of the view of the step
+  std::uint64_t peak_bytes() const { return peak_bytes_; }  // peak memory of the step and a refinement
 
  private:
   Repeated repeated(const std::string& stage);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// This file implements synthetic_object() of bench_scene.hpp. Splats are chosen at random in the image of the
-// first camera and placed in space from there.
+// This file implements synthetic_object() of bench_scene.hpp. It chooses the position, the size and the depth
+// of each splat at random in the image of the first camera, and computes the splat in space from these.
 #include <algorithm>
 #include <cmath>
 #include <numbers>
@@ -16,9 +16,10 @@ namespace ubs::bench {
 namespace {
 
 constexpr double kThickness = 1.0;  // half of the depth of the object
-// Number of supports that cover a pixel of the object on average, chosen so that 50 splats are blended.
+// kCover is the average number of supports that cover a pixel of the object. It is chosen so that 50 splats
+// are blended. kObjectShare is the approximate share of the image that the object covers.
 constexpr double kCover = 70, kObjectShare = 0.5;
-constexpr double kBlur = 0.3;            // the projection adds eps2d, so it is subtracted here [px^2]
+constexpr double kBlur = 0.3;            // eps2d; subtracted here, because the projection adds it [px^2]
 constexpr double kSmallestRadius = 0.9;  // in the image [px]
 
 enum Lane : std::uint32_t {
@@ -78,7 +79,7 @@ class Object {
       const double wanted = std::max(pixels, kSmallestRadius);
       return std::sqrt(std::max(wanted * wanted - kBlur, 0.1)) * unit;
     };
-    // Together, both axes cover every direction.
+    // Either axis can be the longer one, so angles between -45 and 45 degrees cover all orientations.
     s.tilt = std::tan((uniform(kAngle) - 0.5) * std::numbers::pi / 2);
     s.s0 = radius(size * std::sqrt(ratio));
     s.s1 = radius(size / std::sqrt(ratio));
@@ -95,7 +96,7 @@ class Object {
 };
 
 // Adds a slight dependence on the query. One standard deviation is 0.3 of the query scale of the splat, and
-// the exponents are small, so that opacities and shapes remain close to the chosen ones.
+// the exponents of the query kernels are small, so that opacities and shapes remain close to the chosen ones.
 void set_query(SplatModel& model, std::size_t i, const Splat& s) {
   const ParameterLayout layout = model.layout();
   const CounterRandom random(1234, kQuery);
@@ -104,7 +105,7 @@ void set_query(SplatModel& model, std::size_t i, const Splat& s) {
   for (int q = 0; q < layout.query; ++q) {
     const auto lane = static_cast<std::uint32_t>(q);
     const bool is_direction = layout.query >= 3 && q < 3;
-    const double at = is_direction ? direction[q] : 0.0;  // time 0
+    const double at = is_direction ? direction[q] : 0.0;  // the view direction, or time 0
     model.row(layout.mean + q)[i] = static_cast<float>(at + 0.3 * random.normal(i, lane));
     model.row(layout.scale + 3 + q)[i] = static_cast<float>(inverse_softplus_of(1.0));
     model.row(layout.beta + 1 + q)[i] = -2.5f;
@@ -126,7 +127,7 @@ void set_splat(SplatModel& model, std::size_t i, const Splat& s) {
   for (int c = 0; c < 3; ++c) set(layout.rgb + c, random.uniform(i, static_cast<std::uint32_t>(kRed + c)));
   set(layout.opacity, logit(s.opacity));
   set(layout.beta, s.beta);
-  // The columns of I + A are orthogonal here and have the length sqrt(1 + tilt^2).
+  // The first two columns of I + A are orthogonal to each other and have the length sqrt(1 + tilt^2).
   const double stretch = std::sqrt(1 + s.tilt * s.tilt);
   set(layout.l_triangle, s.tilt);
   set(layout.scale, inverse_softplus_of(s.s0 / stretch));

@@ -11,7 +11,8 @@ namespace ubs::bench {
 namespace {
 
 constexpr int kSampleIterations = 5, kWarmUpSamples = 2, kProfiledSamples = 2;
-// This rate is not zero, because the learning rate of positions decays exponentially.
+// Learning rate of positions. It is tiny instead of 0, because this rate decays exponentially between two
+// positive values.
 constexpr double kStandStill = 1e-12;
 
 double all_device_ms(const Device& device) {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// measure_iterations() measures the time of whole training iterations, including all work on the host, as
-// users experience it.
+// measure_iterations() measures the time of whole training iterations, including all work on the host. This
+// is the time that a user sees in `ubs train`.
 #pragma once
 
 #include "host/lab/bench/step_bench.hpp"
@@ -16,13 +16,15 @@ struct IterationMeasurement {
 
 struct IterationOptions {
   RasterKind raster = RasterKind::cpu;
-  bool guard = true;  // as in training, the Adam step checks for values that are not finite
+  // The Adam step checks for values that are not finite, as it does by default in training.
+  bool guard = true;
   ListCounts list_counts{};
   SamplingLimits limits;
   TrainSettings work;  // only kernel_assignments() are used
 };
 
-// Learning rates are (almost) zero, so that the scene does not change. Everything else is as in training:
+// Measures the time per iteration of a Trainer. Its learning rates are 0 or almost 0, so that the scene does
+// not change. Everything else is as in training:
 // upload of rates, regularisation, refinement every 100 iterations, and reading the loss after every fifth
 // iteration, which ends a sample. The median does not include the refinements, which cost about 1 % on
 // average.

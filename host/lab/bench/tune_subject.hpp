@@ -9,7 +9,7 @@
 namespace ubs::bench {
 
 // Returns the synthetic object in a size that keeps the device busy: 100K splats on 400x400 pixels for
-// OpenCL, and 300K on 800x800 for CUDA. `quick`: a tiny object.
+// OpenCL, and 300K on 800x800 for CUDA. If `quick` is true, the object has only 3K splats on 64x64 pixels.
 BenchScene tuning_scene(const DeviceInfo& device, bool quick);
 
 // Runs choose_values() for a device. Afterwards the device uses the chosen values.

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// choose_values() finds values of tuned constants (host/device/tuning.hpp) by timing the stages that they
-// affect. It optimises one constant after the other, each with the values found so far. A value replaces
-// another one only if it is faster by more than the noise in two measurements, and if the results of a step
-// are equal up to rounding.
+// choose_values() finds values of tuned constants (host/device/tuning.hpp). For each constant, it times the
+// stages that this constant affects. It optimises one constant after the other, each with the values found so
+// far. A value replaces the current one only if two measurements show that it is faster by more than the
+// noise, and if the results of a training step are equal up to rounding.
 #pragma once
 
 #include <functional>
@@ -18,8 +18,9 @@ namespace ubs::bench {
 struct Trial {
   std::string macro;
   unsigned value = 0;
-  double before_ms = 0, ms = 0;  // median times of its stages, with the previous value and with this value
-  // Median of the ratios of alternating measurements, and its standard error.
+  // Median times of the stages that the constant affects, with the previous value and with this value [ms].
+  double before_ms = 0, ms = 0;
+  // Median of the ratios of alternating measurements (this value / previous value), and its standard error.
   double ratio = 0, uncertainty = 0;
   double difference = 0;  // relative difference of the results of a step; 0: bit-identical
   bool kept = false;
@@ -37,12 +38,14 @@ struct TuneOptions {
 
 // Returns whether the ratio is below 1 by more than two per cent and by more than three standard errors.
 bool clearly_faster(const Trial& trial);
+// The results of a training step: one array for the image and one for the gradient of each parameter row.
+using Parts = std::vector<std::vector<float>>;
 // Returns the largest |a - b| / |b| of all parts (Euclidean norms), or infinity if the parts have different
 // sizes.
-using Parts = std::vector<std::vector<float>>;
 double relative_difference(const Parts& a, const Parts& b);
 
-// A training step with given values of the constants, on a device (tune_subject.hpp) or in a test.
+// TuneSubject is a training step with given values of the constants, on a device (tune_subject.hpp) or in a
+// test.
 class TuneSubject {
  public:
   virtual ~TuneSubject() = default;
@@ -54,7 +57,8 @@ class TuneSubject {
 // does not support them. Subjects with earlier values remain in use.
 using MakeSubject = std::function<std::unique_ptr<TuneSubject>(const TuningValues&)>;
 
-// Returns the values that differ from the defaults.
+// Tunes the constants of the table for the rasteriser `options.raster`, one after the other. Returns the
+// values that differ from the defaults.
 TuningValues choose_values(TunedTable table, const MakeSubject& make, const TuneOptions& options);
 
 }  // namespace ubs::bench

@@ -8,13 +8,13 @@
 namespace ubs::oracle {
 namespace {
 
-constexpr double kRoom = 1.05, kRoomPx = 0.05;  // margins of the bounding boxes
+constexpr double kRoom = 1.05, kRoomPx = 0.05;  // margins of the bounding boxes: a factor, and a length [px]
 
 void check(const Model& model, const Camera& camera, const Options& options) {
   const Rows rows(model.dim, options.variant);
   if (model.values.size() != static_cast<std::size_t>(rows.count) * model.count)
-    throw std::invalid_argument("oracle: the model does not have dim and count values");
-  if (camera.width <= 0 || camera.height <= 0) throw std::invalid_argument("oracle: empty image");
+    throw std::invalid_argument("oracle: the number of values does not match dim and count of the model");
+  if (camera.width <= 0 || camera.height <= 0) throw std::invalid_argument("oracle: the image has no pixels");
 }
 
 }  // namespace
@@ -85,7 +85,7 @@ void composite(const Frame& frame, const std::vector<int>& candidates, double x,
     if (pixel.closed > 0) continue;
     if (transmittance * (1 - alpha) <= kMinTransmittance) {
       pixel.closed = transmittance;
-      if (options.alpha_min > 0) continue;  // left_out also counts skipped splats behind this one
+      if (options.alpha_min > 0) continue;  // left_out also counts the splats behind this one
       break;
     }
     transmittance *= 1 - alpha;

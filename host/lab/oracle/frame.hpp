@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Frame holds the splats of one view as footprints, in the order of compositing, and determines which of them
-// may affect a row or a pixel. Bounding boxes have a margin, so they only exclude points that are beyond the
-// support.
+// may affect a row or a pixel. The bounding boxes of the splats have a margin, so that rounding cannot
+// exclude a point of the support.
 #pragma once
 
 #include <vector>
@@ -18,7 +18,7 @@ struct Frame {
   std::vector<std::size_t> splats;              // model index of each visible splat, front to back
   std::vector<Footprint<double>> footprints;    // in the same order
   std::vector<Footprint<double>> culled;        // the culled splats, in the order of the model
-  std::vector<std::size_t> culled_splats;       // their indices
+  std::vector<std::size_t> culled_splats;       // model index of each culled splat
   std::vector<double> half_width, half_height;  // extent of the support of `footprints` [px], with a margin
 
   // Returns the positions in `splats` of the splats that may reach the row of pixel centres at y, in the same
@@ -26,6 +26,7 @@ struct Frame {
   std::vector<int> reaching_row(double y) const;
 };
 
+// Returns the raw parameters of one splat, in the order of the rows.
 std::vector<double> splat_parameters(const Model& model, const Rows& rows, std::size_t splat);
 
 // Returns one footprint per splat of the model. Footprints of culled splats have `visible` false.
@@ -33,8 +34,8 @@ std::vector<Footprint<double>> project(const Model& model, const Camera& camera,
 
 struct Composited {       // the splats that are composited at one pixel
   std::vector<int> list;  // positions in Frame::splats
-  int left_out = 0;       // as in Render
-  double closed = 0;
+  int left_out = 0;       // as in Render::left_out
+  double closed = 0;      // as in Render::closed
 };
 // Determines the splats among `candidates` that are composited at the pixel with the centre (x, y).
 void composite(const Frame& frame, const std::vector<int>& candidates, double x, double y,

@@ -11,7 +11,8 @@
 namespace ubs::oracle {
 namespace {
 
-// Returns three standard normal numbers for the counter, by the method of Box and Muller from four words.
+// Returns three standard normal random numbers for a splat and an iteration. The Box-Muller method computes
+// them from the four random words of a Philox counter.
 std::array<double, 3> normals(std::uint32_t item, std::uint64_t seed, std::uint64_t iteration) {
   constexpr std::uint32_t kNoise = 0x55000003u;  // identifies the purpose of the random numbers
   const PhiloxCounter words = philox4x32_10(

@@ -65,8 +65,8 @@ inline Matrix<double> absolute(Matrix<double> a) {
   return a;
 }
 
-// Returns the inverse by Gauss-Jordan elimination without pivoting. This is sufficient if the symmetric part
-// is positive definite, and for triangular matrices.
+// Returns the inverse by Gauss-Jordan elimination without pivoting. This is sufficient for triangular
+// matrices, and for matrices whose symmetric part is positive definite.
 template <class S>
 Matrix<S> inverse(Matrix<S> a) {
   const int n = a.rows();
@@ -89,8 +89,8 @@ Matrix<S> inverse(Matrix<S> a) {
   return result;
 }
 
-// Returns the lower factor with positive diagonal. A pivot that is not positive becomes NaN, and then the
-// splat is culled.
+// Returns the lower triangular factor L of a = L L^T, with a positive diagonal. If a pivot is not positive, L
+// contains NaN.
 template <class S>
 Matrix<S> cholesky(const Matrix<S>& a) {
   using std::sqrt;
@@ -116,13 +116,14 @@ std::vector<S> forward_substitution(const Matrix<S>& lower, std::span<const S> r
 }
 
 // Minimum pivot of the query factor (kernels/limits.h). Query scales are clamped, so only a row of zeros has
-// a smaller pivot. If a pivot is below kPivotNoise times the length of its row, it is noise of single
-// precision.
+// a smaller pivot. A pivot below kPivotNoise times the length of its row consists only of rounding errors of
+// single precision.
 inline constexpr double kPivotAbsolute = 1e-30, kPivotNoise = 1e-7;
 
 // LowerOrthogonal is the factorisation B = L Q, where the rows of Q are orthonormal. It is computed by
 // Gram-Schmidt orthogonalisation, which is repeated once, so that errors grow with the condition number of B
-// and not with its square. If a row depends linearly on the rows before it, its pivot is the minimum.
+// and not with its square. If a row depends linearly on the rows before it, its pivot is replaced by the
+// minimum pivot, and `floored` is true.
 template <class S>
 struct LowerOrthogonal {
   Matrix<S> lower, rows;

@@ -72,7 +72,7 @@ Render render_frame(const Frame& frame, const Camera& camera, const Options& opt
 namespace {
 
 double mean_absolute(std::span<const double> a, std::span<const double> b) {
-  if (a.size() != b.size()) throw std::invalid_argument("oracle: the target has another size");
+  if (a.size() != b.size()) throw std::invalid_argument("oracle: target and image have different sizes");
   double sum = 0;
   for (std::size_t i = 0; i < a.size(); ++i) sum += std::abs(a[i] - b[i]);
   return sum / static_cast<double>(a.size());
@@ -115,9 +115,10 @@ Footprint<Var> taped(Tape& tape, const Footprint<double>& f) {
   return result;
 }
 
-using PixelGradient = std::array<double, 4>;  // dLoss / d rgb, depth
+using PixelGradient = std::array<double, 4>;  // d loss / d (red, green, blue, depth)
 
-// Adds the gradient of one pixel to the footprints that it composites.
+// Adds the gradient of one pixel to the gradients `out` of the footprints `list`, which are composited in
+// this pixel.
 void add_pixel(const Frame& frame, const std::vector<int>& list, double x, double y, const PixelGradient& g,
                const Options& options, Tape& tape, std::vector<FootprintGradient>& out) {
   tape.clear();
@@ -243,7 +244,7 @@ Gradient gradient(const Model& model, const Camera& camera, std::span<const doub
 std::vector<double> weighted_gradient(const Model& model, const Camera& camera,
                                       std::span<const double> weights, const Options& options) {
   if (weights.size() != 3 * static_cast<std::size_t>(camera.width) * camera.height)
-    throw std::invalid_argument("oracle: the weights have another size than the image");
+    throw std::invalid_argument("oracle: weights and image have different sizes");
   const Frame frame(model, camera, options);
   return parameter_gradients(frame, model, camera, options,
                              footprint_gradients(frame, camera, options, weights));
@@ -251,6 +252,7 @@ std::vector<double> weighted_gradient(const Model& model, const Camera& camera,
 
 namespace {
 
+// Returns the camera after adding h to the one with the index k of its 15 parameters (see ViewGradients).
 Camera moved(const Camera& camera, int k, double h) {
   Camera out = camera;
   if (k < 3) {

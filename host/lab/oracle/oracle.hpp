@@ -1,10 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 // The oracle is an independent renderer: it computes one view of a Beta splat model, its loss and the
-// gradient of the loss, in double precision. It is naive code that is written from the method alone. It
-// includes plain data structures of the host, but nothing of the kernels. Gradients come from a tape
-// (tape.hpp) over the forward formulas, not from derived backward formulas. It applies the documented clamps
-// of the method (frustum limit, tanh floor, pivot floor, rim, largest alpha). study.hpp determines where
-// single precision must agree with it and where it may differ.
+// gradient of the loss, in double precision. It implements docs/method.md with simple code. It uses plain
+// data structures of the host library, but no code of the kernels. The gradients come from automatic
+// differentiation of the forward formulas (tape.hpp), not from derived backward formulas. The oracle applies
+// the documented clamps of the method (frustum limit, tanh floor, pivot floor, rim, largest alpha). study.hpp
+// determines in which pixels a single-precision program must agree with the oracle and in which it may
+// differ.
 #pragma once
 
 #include <array>
@@ -34,15 +35,17 @@ struct Model {
 };
 Model to_model(const SplatModel& model);
 
+// Render is the result of rendering one view. Compositing of a pixel stops at the splat that would reduce its
+// transmittance to 1e-4 or less; this splat is not composited.
 struct Render {
   int width = 0, height = 0;
   std::vector<double> image;      // (3, H, W), unclamped, background composited
   std::vector<double> alpha;      // (H, W), 1 - final transmittance
   std::vector<double> depth;      // (H, W), sum(w z) / max(sum w, 1e-10)
-  std::vector<int> contributors;  // (H, W), composited splats (r < 1 and before the stop)
-  // (H, W), number of splats with a contribution of alpha <= alpha_min, before or after the stop.
+  std::vector<int> contributors;  // (H, W), number of composited splats (r < 1 and before the stop)
+  // (H, W), number of splats that are skipped because alpha <= alpha_min, before or after the stop.
   std::vector<int> left_out;
-  std::vector<double> closed;  // (H, W), transmittance at which the pixel was stopped; 0: not stopped
+  std::vector<double> closed;  // (H, W), transmittance at the stop; 0: compositing did not stop
   std::size_t visible = 0;     // number of splats that are not culled
 };
 Render render(const Model& model, const Camera& camera, const Options& options);
@@ -58,26 +61,29 @@ Gradient gradient(const Model& model, const Camera& camera, std::span<const doub
 // Returns the gradient of sum(weights * image); weights are (3, H, W).
 std::vector<double> weighted_gradient(const Model& model, const Camera& camera,
                                       std::span<const double> weights, const Options& options);
-// Returns the gradients of a weighted sum of colours and depths with respect to the parameters and to the
-// camera. The weights of the colours have the shape (3, H, W), and those of the depths (H, W). Only the
-// depths of pixels with alpha > 1e-6 count. One of the weights may be empty. The gradient of the camera has
-// 15 numbers: 3 for a rotation w, 3 for a shift u, then fx, fy, cx, cy, time, and 4 for the extra query
-// values. The frame of the camera rotates by w about its centre and then shifts by u: R -> exp([w]) R, t ->
-// exp([w]) t + u. The derivatives of the footprints with respect to the camera are central differences of the
-// whole formula.
+// ViewGradients contains the gradients with respect to the parameters of the model, in the layout of
+// Model::values, and with respect to 15 parameters of the camera: 3 for a rotation w, 3 for a shift u, then
+// fx, fy, cx, cy, time, and 4 for the extra query values. w rotates the frame of the camera about its centre,
+// and then u shifts it: R -> exp([w]) R, t -> exp([w]) t + u.
 struct ViewGradients {
   std::vector<double> values;
   std::array<double, 15> camera{};
 };
+// Returns the gradients of a weighted sum of colours and depths. The weights of the colours have the shape
+// (3, H, W), and those of the depths (H, W). Depths are used only in pixels with alpha > 1e-6. One of the two
+// spans of weights may be empty. The derivatives of the footprints with respect to the camera are central
+// differences of the forward formula.
 ViewGradients view_gradients(const Model& model, const Camera& camera, std::span<const double> colour_weights,
                              std::span<const double> depth_weights, const Options& options);
+// Returns the same loss as gradient().
 double loss(const Model& model, const Camera& camera, std::span<const double> target, const Options& options);
 
 // Returns the mean of the zero-padded SSIM map (11 x 11 Gaussian, sigma 1.5) over all channels.
 double ssim(std::span<const double> a, std::span<const double> b, int channels, int height, int width);
-// Returns the mean over only those windows that are inside the image. There must be at least one.
+// Returns the mean of the SSIM map over only those windows that are completely inside the image. The image
+// must have at least 11 x 11 pixels.
 double valid_ssim(std::span<const double> a, std::span<const double> b, int channels, int height, int width);
-// Returns d ssim / d a, for a loss that depends only on images.
+// Returns the derivative of ssim() with respect to each value of `a`.
 std::vector<double> ssim_gradient(std::span<const double> a, std::span<const double> b, int channels,
                                   int height, int width);
 

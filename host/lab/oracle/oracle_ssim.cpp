@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// This file implements SSIM of the oracle, with dense 11 x 11 window sums and zero padding. The tape
-// differentiates the map, and the transpose (scatter) of the window sums completes the gradient, so no
-// closed-form SSIM gradient is used.
+// This file implements the SSIM of the oracle, with sums over dense 11 x 11 windows and zero padding. The
+// tape differentiates each value of the SSIM map with respect to the sums of its window. The transposed
+// window sums (scatter) then give the derivatives with respect to the pixels. No closed-form SSIM gradient is
+// used.
 #include <array>
 #include <cmath>
 #include <stdexcept>
@@ -59,10 +60,10 @@ S similarity(const S& a, double b, const S& aa, double bb, const S& ab) {
 
 void check_sizes(std::size_t a, std::size_t b, int channels, int height, int width) {
   const std::size_t expected = static_cast<std::size_t>(channels) * height * width;
-  if (a != expected || b != expected) throw std::invalid_argument("oracle: image sizes differ");
+  if (a != expected || b != expected) throw std::invalid_argument("oracle: wrong image size");
 }
 
-// Adds d(sum of the map of one channel)/da * scale to `out`.
+// Adds `scale` times the derivative of the sum of the SSIM map of one channel with respect to `a` to `out`.
 void add_channel_gradient(const double* a, const double* b, int height, int width, double scale,
                           double* out) {
   Tape tape;
@@ -84,7 +85,7 @@ void add_channel_gradient(const double* a, const double* b, int height, int widt
 
 namespace {
 
-// Returns the mean over the windows whose centres are at least `margin` pixels inside the image.
+// Returns the mean SSIM of the windows whose centres are at least `margin` pixels inside the image.
 double mean_similarity(std::span<const double> a, std::span<const double> b, int channels, int height,
                        int width, int margin) {
   check_sizes(a.size(), b.size(), channels, height, width);

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// This file generates the test scenes. Parameters are drawn as activated values and stored as raw values.
+// This file generates the test scenes. It chooses random values of the activated parameters and stores the
+// raw parameters.
 #include "host/lab/oracle/scenes.hpp"
 
 #include <algorithm>
@@ -40,19 +41,20 @@ Vector unproject(const Camera& camera, double slope_x, double slope_y, double z)
   return result;
 }
 
-// One splat as activated values; store() converts it to raw parameters. All generators use it.
+// Splat contains the values of one splat, mostly after activation. All generators of scenes use it. store()
+// converts the values to raw parameters and writes them to a model.
 struct Splat {
   explicit Splat(int dim)
       : beta(dim - 2, 0.0), mean(dim - 3, 0.0), scale(dim, 1.0), triangle(dim * (dim - 1) / 2) {}
   Vector position{};
   Vector rgb{0.5, 0.5, 0.5};
   double opacity_logit = 0;
-  std::vector<double> beta, mean, scale, triangle;  // beta raw, scale activated
+  std::vector<double> beta, mean, scale, triangle;  // `beta` is raw, `scale` is activated
 };
 
 double inverse_softplus(double y) { return y + std::log(-std::expm1(-y)); }
 
-// Appends raw values. Values that exist only in variants are drawn from `random`.
+// Appends the raw values of the colour. `random` supplies the values that exist only in some variants.
 void put_colour(const Splat& splat, const ModelVariant& variant, Random& random, std::vector<double>& out) {
   if (variant.colour == ColourMode::rgb) {
     out.insert(out.end(), splat.rgb.begin(), splat.rgb.end());
@@ -72,7 +74,8 @@ void put_rotation(const Splat& splat, const ModelVariant& variant, Random& rando
     return;
   }
   for (std::size_t k = 0; k < splat.triangle.size(); ++k) {
-    // With `cholesky`, an angle is replaced by an entry in world units. The scales are 0.12 to 0.45.
+    // With `cholesky`, the first three values are entries of a factor in world units instead of angles. They
+    // are reduced, because the scales are only 0.12 to 0.45.
     const bool spatial_entry = k < 3 && variant.cov_param == CovParam::cholesky;
     out.push_back(splat.triangle[k] * (spatial_entry ? 0.3 : 1));
   }
@@ -127,7 +130,8 @@ std::vector<double> query_at(const Vector& position, const Camera& camera, int d
   return q;
 }
 
-// Returns an ordinary splat at `position`: moderate conditioning, |omega| <= 0.7, well visible from `camera`.
+// Returns an ordinary splat at `position`. It depends moderately on the query, its rotation vector has a
+// length of at most 0.7, and it is well visible from `camera`.
 Splat ordinary_splat(Random& random, int dim, const Vector& position, const Camera& camera) {
   Splat splat(dim);
   splat.position = position;
@@ -149,13 +153,13 @@ Vector random_position(Random& random) {
 }
 
 void make_opaque(Splat& splat, const Camera& camera, int dim) {
-  splat.opacity_logit = 10;  // 0.99995
+  splat.opacity_logit = 10;  // an opacity of 0.99995
   splat.mean = query_at(splat.position, camera, dim);
   for (double& b : splat.beta) b = -2.5;
 }
 
-// Places the splat far outside its query range. Raw betas near -5 keep the floored factor (eps^beta, about
-// 0.6) visible.
+// Moves the query mean so far away that every opacity factor is at its lower bound eps^beta. With raw betas
+// near -5, this bound is about 0.6, so that the splat remains visible.
 void make_floored(Splat& splat, Random& random) {
   for (double& m : splat.mean) m += 6;
   for (std::size_t i = 1; i < splat.beta.size(); ++i) splat.beta[i] = random.uniform(-5.5, -4.5);
@@ -231,7 +235,7 @@ Scene regular_scene(const SceneOptions& options) {
   Random random(options.seed ^ kModelStream);
   for (std::size_t i = 0; i < options.count; ++i) {
     // Five of six splats are made for camera 0. The others are made for a random camera of the ring, and are
-    // dimmer or floored when seen from camera 0.
+    // less opaque when seen from camera 0; some opacity factors are at their lower bound.
     const int owner = random.uniform(0, 6) < 5 ? 0 : static_cast<int>(random.bits() % kRingCameras);
     const Camera camera = ring_camera(options, owner);
     Splat splat = ordinary_splat(random, options.dim, random_position(random), camera);
@@ -273,7 +277,7 @@ Scene behind_camera_scene(const SceneOptions& options) {
   Scene scene = start_scene(options, options.count);
   Random random(options.seed ^ kModelStream);
   for (std::size_t i = 0; i < options.count; ++i) {
-    // The splats are so far behind the camera that the conditional shift cannot move a mean in front of it.
+    // The splats are so far behind the camera that conditioning cannot move a mean in front of it.
     const Vector position = unproject(scene.camera, random.uniform(-0.5, 0.5), random.uniform(-0.5, 0.5),
                                       random.uniform(-20, -10));
     store(ordinary_splat(random, options.dim, position, scene.camera), i, scene.model);
@@ -317,7 +321,7 @@ Scene opaque_stack_scene(const SceneOptions& options) {
     Splat splat = ordinary_splat(random, options.dim, position, scene.camera);
     make_opaque(splat, scene.camera, options.dim);
     for (int k = 0; k < 3; ++k) splat.scale[k] = random.uniform(0.4, 0.6);
-    splat.opacity_logit = 2.2;  // 0.9: about four layers reach the stop at 1e-4
+    splat.opacity_logit = 2.2;  // an opacity of 0.9; four layers reduce the transmittance to about 1e-4
     for (std::size_t k = 3; k < splat.triangle.size(); ++k) splat.triangle[k] *= 0.2;
     store(splat, i, scene.model);
   }

@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // This file contains the per-splat formulas of the oracle, which compute the footprint of a splat in one
-// image from its raw parameters. They follow the text of the method directly (dense matrices, full NxN
-// covariance, Gauss-Jordan inverse and a separate Cholesky factor). They are templates over the scalar type
-// of tape.hpp. This file shares no code with the production code. Every branch on a scalar uses value(x):
+// image from its raw parameters. They follow the text of docs/method.md directly with dense matrices: the
+// full N x N factor of the covariance, an orthogonal factorisation of its query rows, and a Gauss-Jordan
+// inverse. They are templates over the scalar type of tape.hpp. This file shares no code with the kernels.
+// Every branch on a scalar uses value(x):
 // clamps and culls depend on the value and have no gradient of their own.
 #pragma once
 
@@ -24,9 +25,10 @@
 
 namespace ubs::oracle {
 
-// Row numbers in file order. They are derived again here, so that the layout of the production code is
-// checked and not assumed. Rows exist only for what the variant uses: there is no spatial beta with a
-// Gaussian kernel, and there are no query betas if neither the conditioning nor the opacity uses them.
+// Rows contains the row numbers of the raw parameters, in the order of model files. They are computed here
+// independently of ParameterLayout, so that tests check its layout. A row exists only if the variant uses it:
+// there is no spatial beta with a Gaussian kernel, and there are no query betas if neither the conditioning
+// nor the opacity uses them.
 struct Rows {
   explicit Rows(int n, const ModelVariant& v = {})
       : dim(n),
@@ -58,8 +60,9 @@ S softplus(const S& x) {
   return value(x) > 20 ? x : log1p(exp(x));
 }
 
-// Returns the skew matrix of the packed strict lower triangle. Entries are positive in the UPPER triangle
-// (official packing).
+// Returns the skew-symmetric matrix of packed parameters. The parameters are in the order of the rows of a
+// strict lower triangle. As in the published code, they enter the upper triangle with their own sign and the
+// lower triangle with the opposite sign.
 template <class S>
 Matrix<S> skew(std::span<const S> raw, const Rows& rows, int n) {
   Matrix<S> result(n, n);
@@ -71,26 +74,27 @@ Matrix<S> skew(std::span<const S> raw, const Rows& rows, int n) {
   return result;
 }
 
-// The documented clamps (kernels/limits.h), written again here. The raw spatial beta is at most
-// kLargestRawBeta. A query scale is at least least_query_scale() times the length of the entries to the left
-// of it in its row.
+// These clamps are documented in kernels/limits.h. They are defined again here, so that the oracle does not
+// depend on the kernels. The raw spatial beta is at most kLargestRawBeta. A query scale is at least
+// least_query_scale() times the length of the entries to the left of it in its row.
 inline constexpr double kLargestRawBeta = 7.5;
 inline double least_query_scale(const ModelVariant& variant) {
   return variant.cov_mode == CovMode::whiten ? 1.2e-2 : 6e-3;
 }
-// Returns the minimum of a spatial scale, relative to the largest of the three.
+// Returns the minimum of a spatial scale, relative to the largest spatial scale of the splat.
 inline double least_spatial_scale(const ModelVariant& variant) {
   return variant.cov_param == CovParam::skew_nd    ? 1e-3
          : variant.cov_param == CovParam::cholesky ? 3e-4
                                                    : 1e-4;
 }
-// With skew_nd there is a second clamp after the one above. A query scale is clamped in the same way with its
-// row of (I + A) diag(s), and a spatial scale is at least kMinSkewMotion times the length of the query
-// columns of its row. Both rules use the scales before this second clamp.
+// With skew_nd there is a second clamp after the one above. It uses the rows of (I + A) diag(s). A query
+// scale is at least least_query_scale() times the length of the other entries of its row. A spatial scale is
+// at least kMinSkewMotion times the length of the entries in the query columns of its row. These lengths are
+// computed with the scales before the second clamp.
 inline constexpr double kMinSkewMotion = 1.5e-2;
 
-// Returns softplus of the raw spatial scales, raised to the minimum if they are below it. A raised scale has
-// the derivative of the largest one.
+// Returns softplus of the raw spatial scales, raised to the minimum if they are below it. A raised scale is a
+// fixed multiple of the largest scale and has the corresponding derivative.
 template <class S>
 std::array<S, 3> spatial_scales(std::span<const S> raw, const Rows& rows, const ModelVariant& variant) {
   std::array<S, 3> scales;
@@ -103,7 +107,8 @@ std::array<S, 3> spatial_scales(std::span<const S> raw, const Rows& rows, const 
   return scales;
 }
 
-// Returns the larger one of `scale` and its minimum, with the derivative of that value.
+// Returns `scale` or, if it is smaller, the minimum of this query scale. The result has the derivative of the
+// returned expression.
 template <class S>
 S query_scale(const S& scale, const Matrix<S>& factor, int row, double ratio) {
   using std::sqrt;
@@ -114,6 +119,7 @@ S query_scale(const S& scale, const Matrix<S>& factor, int row, double ratio) {
   return value(scale) < value(least) ? least : scale;
 }
 
+// Returns all scales of a splat with skew_nd after both clamps. `r` is I + A.
 template <class S>
 std::vector<S> skew_scales(std::span<const S> raw, const Rows& rows, const Matrix<S>& r,
                            const ModelVariant& variant) {
@@ -133,8 +139,9 @@ std::vector<S> skew_scales(std::span<const S> raw, const Rows& rows, const Matri
   return result;
 }
 
-// Returns the N x N factor L of the covariance L L^T: [[R diag(s_x), 0], [Lqx, Lq]]; with `cholesky` a plain
-// lower triangle; with `skew_nd` (I + A) diag(s).
+// Returns the N x N factor L of the covariance L L^T. By default it is [[R diag(s_x), 0], [Lqx, Lq]] with the
+// rotation R and the spatial scales s_x. With `cholesky` it is a lower triangle, and with `skew_nd` it is (I
+// + A) diag(s).
 template <class S>
 Matrix<S> covariance_factor(std::span<const S> raw, const Rows& rows, const ModelVariant& variant = {}) {
   const int n = rows.dim;
@@ -179,8 +186,8 @@ inline std::array<double, 3> camera_centre(const Camera& camera) {
   return centre;
 }
 
-// Returns the direction from the camera to the unconditional mean. The scalar type determines whether it has
-// a gradient.
+// Returns the direction from the camera to the unconditional mean. The direction has a gradient if S is Var,
+// and none if S is double.
 template <class S>
 std::array<S, 3> view_direction(const std::array<S, 3>& position, const Camera& camera) {
   using std::sqrt;
@@ -192,7 +199,8 @@ std::array<S, 3> view_direction(const std::array<S, 3>& position, const Camera& 
   return w;
 }
 
-// Returns the query: (t, extra...) for C = 1 and 2; the direction, then (t, extra...) for C >= 3.
+// Returns the query of a splat, which has C = N - 3 values. It is (time, extra values) for C = 1 and 2, and
+// (view direction, time, extra values) for C >= 3.
 template <class S>
 std::vector<S> query_vector(std::span<const S> raw, const Rows& rows, const Camera& camera, bool query_grad) {
   std::vector<S> result;
@@ -218,12 +226,12 @@ S condition_weight(const S& b) {
   return value(b) < 0 ? exp(b) : S(1);
 }
 
-// y^2 is limited to this value, which is far below the values at which the factor without the floor
-// overflows.
+// y^2 is limited to this value. The factor without the floor overflows only for much larger values.
 inline constexpr double kLargestU = 1e4;
 inline constexpr double kLowestLogFactor = -15.942385152878742;  // ln 2^-23
 
-// Returns ln(1 - tanh(y^2)). If `floored`, it is at least the logarithm of the float epsilon.
+// Returns ln(1 - tanh(y^2)). If `floored` is true, the result is at least ln(2^-23), the logarithm of the
+// float epsilon.
 template <class S>
 S log_query_factor(const S& y, bool floored = true) {
   using std::exp;
@@ -233,12 +241,14 @@ S log_query_factor(const S& y, bool floored = true) {
   return floored && value(factor) < kLowestLogFactor ? S(kLowestLogFactor) : factor;
 }
 
-// Marks splats whose value or derivative is not that of the plain formula, because of the documented clamps.
+// Guards marks splats whose value or derivative is not that of the plain formula, because of the documented
+// clamps.
 struct Guards {
   // A pivot of the query factor was raised: the value is defined, but the derivative is not.
   bool pivot = false;
   bool kink = false;  // within rounding of a kink of the formulas: the derivative may be that of either side
-  bool out_of_range = false;  // outside the range of single precision: undecided whether visible or culled
+  // A value is outside the range of single precision, so a program may render the splat or cull it.
+  bool out_of_range = false;
 };
 
 template <class S>
@@ -247,13 +257,13 @@ struct Conditioned {
   Matrix<S> covariance;  // the full V of method.md 2.3, asymmetric in general
   S opacity;             // o_q
   Guards guards;
-  // Sums of the magnitudes of the terms of `covariance`; only with double.
+  // Sums of the magnitudes of the terms of `covariance`. They are computed only if S is double.
   Matrix<double> covariance_terms{3, 3};
 };
 
 inline constexpr double kLargestFloat = 3.4028234663852886e38;
-// A splat is not rendered if its raw parameters, as one vector, are longer than this (kernels/limits.h has
-// the reason).
+// A splat is not rendered if the vector of all its raw parameters is longer than this. kernels/limits.h
+// explains why.
 inline constexpr double kLargestRaw = 1e12;
 template <class S>
 bool in_raw_range(std::span<const S> raw) {
@@ -263,7 +273,8 @@ bool in_raw_range(std::span<const S> raw) {
 }
 // Limit for numbers whose squares or triple products must be representable in single precision.
 inline constexpr double kLargestFactor = 1e18;
-// Relative distance to a kink below which rounding decides which side is taken.
+// If the relative distance of a value from a kink of a formula is below this, rounding decides on which side
+// of the kink the value is.
 inline constexpr double kKinkMargin = 1e-5;
 
 // Returns whether a clamped parameter is within rounding of its clamp.
@@ -287,7 +298,8 @@ bool near_clamp(std::span<const S> raw, const Rows& rows, const Matrix<S>& facto
   return false;
 }
 
-// Returns ln(o_q / o) for the whitened residual y.
+// Returns ln(o_q / o), where o is the opacity and o_q the opacity for the query. y is the whitened residual
+// of the query.
 template <class S>
 S log_opacity_factor(std::span<const S> raw, const Rows& rows, const std::vector<S>& y,
                      const ModelVariant& variant) {
@@ -303,6 +315,7 @@ S log_opacity_factor(std::span<const S> raw, const Rows& rows, const std::vector
   return result;
 }
 
+// Returns whether an opacity factor is within rounding of its floor.
 template <class S>
 bool near_floor(const std::vector<S>& y, const ModelVariant& variant) {
   if (variant.beta_opacity != BetaOpacity::tanh) return false;
@@ -312,8 +325,9 @@ bool near_floor(const std::vector<S>& y, const ModelVariant& variant) {
 }
 
 // Computes the mean and the opacity of a splat with direct conditioning. L is the factor of the query
-// precision, s Theta is the cross covariance (s is the mean spatial scale), and W are the weights. x is the
-// query minus its mean. The mean is mean + s Theta W (L L^T) x, and the opacity is evaluated at L^T x.
+// precision, s Theta is the cross covariance (s is the mean spatial scale), and the diagonal matrix W
+// contains the weights of the query dimensions. x is the query minus its mean. The conditional mean is the
+// mean plus s Theta W (L L^T) x. The factor of the opacity is evaluated at L^T x.
 template <class S>
 void condition_directly(std::span<const S> raw, const Rows& rows, const std::vector<S>& x,
                         const ModelVariant& variant, Conditioned<S>& result) {
@@ -346,6 +360,7 @@ void condition_directly(std::span<const S> raw, const Rows& rows, const std::vec
     if (!(std::abs(value(cross(i / c, i % c))) < kLargestFactor)) result.guards.out_of_range = true;
 }
 
+// Computes the mean, the covariance and the opacity of a splat for the query of the camera.
 template <class S>
 Conditioned<S> condition(std::span<const S> raw, const Rows& rows, const Camera& camera,
                          const Options& options) {
@@ -373,7 +388,8 @@ Conditioned<S> condition(std::span<const S> raw, const Rows& rows, const Camera&
     condition_directly<S>(raw, rows, x, variant, result);
     return result;
   }
-  // Sigma_xq Sigma_q^-1 = F Q^T L^-1, with the spatial rows F and B = L Q.
+  // F are the spatial rows of the factor and B its query rows, which are factorised as B = L Q. Then Sigma_xq
+  // Sigma_q^-1 = F Q^T L^-1.
   const Matrix<S> query = factor.block(3, 0, c, rows.dim);
   const LowerOrthogonal<S> lq = lower_orthogonal(query);
   const std::vector<S> y = forward_substitution<S>(lq.lower, x);
@@ -383,7 +399,8 @@ Conditioned<S> condition(std::span<const S> raw, const Rows& rows, const Camera&
     weights(j, j) = variant.beta_cond == BetaCond::on ? condition_weight(raw[rows.query_beta + j]) : S(1);
   const bool whitened = variant.cov_mode == CovMode::whiten;
   for (int j = 0; j < c; ++j) column(j, 0) = whitened ? y[j] : x[j];
-  // The result is offset = F Q^T z and V = F (I - Q^T Y) F^T.
+  // The offset of the mean is F Q^T z with z = solve * column. The conditional covariance is V = F (I - Q^T
+  // Y) F^T, where Y is solve * Q if whitened and solve * B otherwise.
   const Matrix<S> solve = whitened ? weights : inverse(lq.lower) * weights;
   const Matrix<S> offset = spatial * lq.rows.transposed() * (solve * column);
   const Matrix<S> kept =
@@ -402,7 +419,7 @@ Conditioned<S> condition(std::span<const S> raw, const Rows& rows, const Camera&
   return result;
 }
 
-// The values of a splat that a pixel needs.
+// Footprint contains the values of a splat that are needed to composite it in a pixel.
 template <class S>
 struct Footprint {
   std::array<S, 2> mean;
@@ -410,13 +427,13 @@ struct Footprint {
   S opacity, beta;
   std::array<S, 3> rgb;
   S depth = S(0);
-  std::array<S, 3> cov;  // support ellipse on the image plus eps2d: 00, 01, 11
+  std::array<S, 3> cov;  // entries 00, 01, 11 of the ellipse of the support in the image, plus eps2d
   bool visible = false;
   bool in_range = false;  // between the near and far planes; otherwise only `depth` is set
-  double reach = 0;       // sum |mean_j - centre_j|: magnitude of the terms of the camera-space mean
+  double reach = 0;       // sum |mean_j - centre_j|, the magnitude of the terms of the camera-space mean
   Guards guards;
-  // Only with double: product of the magnitudes of the terms of `cov`, divided by its determinant. It is the
-  // factor by which rounding may be amplified in the conic.
+  // Product of the magnitudes of the terms of `cov`, divided by its determinant. This is the factor by which
+  // rounding may be amplified in the conic. It is computed only if S is double.
   double amplification = 1;
 };
 
@@ -425,8 +442,9 @@ S clamp_by_value(const S& x, double low, double high) {
   return value(x) < low ? S(low) : value(x) > high ? S(high) : x;
 }
 
-// Returns the affine approximation J of the pinhole projection at the camera-space point p. Its columns are
-// limited to 1.3 times the half field of view around the true principal point.
+// Returns the affine approximation J of the pinhole projection at the camera-space point p. In J, the slopes
+// x/z and y/z are clamped to the field of view, which is extended on each side by 0.3 times half of its width
+// or height.
 template <class S>
 Matrix<S> projection_jacobian(const std::array<S, 3>& p, const Camera& camera) {
   const double margin_x = 0.3 * camera.width / (2 * camera.fx);
@@ -441,7 +459,8 @@ Matrix<S> projection_jacobian(const std::array<S, 3>& p, const Camera& camera) {
   return j;
 }
 
-// Returns the upper triangle of V, mirrored. The lower entries of the general V are not used at all.
+// Returns the symmetric matrix that has the upper triangle of V. The lower triangle of V may differ and is
+// not used.
 template <class S>
 Matrix<S> symmetric(const Matrix<S>& v) {
   Matrix<S> result = v;
@@ -450,8 +469,8 @@ Matrix<S> symmetric(const Matrix<S>& v) {
   return result;
 }
 
-// Returns a tenth of the amount that the blur adds to the determinant of an ellipse. With a smaller
-// determinant, a splat is not rendered.
+// Returns a tenth of the amount that the blur (eps2d) adds to the determinant of an ellipse. A splat whose
+// determinant is not above this is not rendered.
 template <class S>
 double least_determinant(const std::array<S, 3>& cov, double eps2d) {
   return 0.1 * eps2d * (value(cov[0]) + value(cov[2]) - eps2d);
@@ -476,8 +495,9 @@ bool beyond_float(const Footprint<S>& f, double product) {
   return false;
 }
 
-// The spherical Beta lobes of Deformable Beta Splatting use the cosine of the angle to an axis, which is
-// given by two angles, and a softplus with sharpness 10 ln 2.
+// The spherical Beta lobes of Deformable Beta Splatting use two functions. lobe_cosine() returns the cosine
+// of the angle between the direction d and the axis of a lobe, which has the spherical coordinates theta and
+// phi. sharp_softplus() is a softplus with the sharpness 10 ln 2.
 template <class S>
 S lobe_cosine(const S& theta, const S& phi, const std::array<S, 3>& d) {
   using std::cos, std::sin;
@@ -517,7 +537,7 @@ std::array<S, 3> colour(std::span<const S> raw, const Rows& rows, const Camera& 
   return result;
 }
 
-// Returns whether a coordinate is within rounding of the limits of projection_jacobian.
+// Returns whether the slope x/z or y/z of a point is within rounding of its limits in projection_jacobian().
 inline bool near_limit(double slope, double low, double high) {
   const double margin = kKinkMargin * std::max(std::abs(low), std::abs(high));
   return std::abs(slope - low) < margin || std::abs(slope - high) < margin;
@@ -532,8 +552,8 @@ inline bool near_frustum_limit(const std::array<double, 3>& p, const Camera& cam
                     (camera.height - camera.cy) / camera.fy + margin_y);
 }
 
-// Returns the footprint of a splat. If `shift` is given, it is added to the mean in the camera's frame, where
-// the rounding of the position enters (study.cpp).
+// Returns the footprint of a splat. If `shift` is given, it is added to the mean in the camera's frame.
+// study.cpp uses it to compute the effect of rounding errors of the position.
 template <class S>
 Footprint<S> footprint(std::span<const S> raw, const Rows& rows, const Camera& camera, const Options& options,
                        const std::array<S, 3>* shift = nullptr) {
@@ -607,13 +627,14 @@ S splat_alpha(const Footprint<S>& f, const S& r, SpatialKernel kernel = SpatialK
   return value(alpha) > most ? S(most) : alpha;
 }
 
-// Returns whether the splat contributes at a point: r < 1, or alpha >= 1/255 for Gaussians.
+// Returns whether the splat contributes at a point. A Beta kernel contributes if r < 1, and a Gaussian if
+// alpha is at least 1/255.
 inline bool reaches(const Footprint<double>& f, double r, SpatialKernel kernel) {
   return kernel == SpatialKernel::beta ? r < 1 : splat_alpha(f, r, kernel) >= kMinAlphaGaussian;
 }
 
-// Returns r at the edge of the widest splat: 1, or the value at which the alpha of an opaque Gaussian is
-// 1/255.
+// Returns r at the edge of the support. It is 1 for a Beta kernel. For a Gaussian, it is the value at which
+// an opaque splat has an alpha of 1/255.
 inline double support(SpatialKernel kernel) {
   return kernel == SpatialKernel::beta ? 1 : -2 * std::log(kMinAlphaGaussian);
 }

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // This file implements study.hpp. The tape propagates the rounding of the inputs to the footprint. J is the
-// Jacobian of the values that a pixel reads, and d are the rounding errors of the inputs. The covariance J
-// diag(d^2) J^T then gives the deviation of any smooth function of the footprint.
+// Jacobian of the values that a pixel reads, and d contains the rounding errors of the inputs. The covariance
+// J diag(d^2) J^T then gives the deviation of any smooth function of the footprint.
 #include "host/lab/oracle/study.hpp"
 
 #include <algorithm>
@@ -18,22 +18,24 @@ namespace {
 // Maximum number of splats for which gradient_cancellation() is computed.
 constexpr std::size_t kMaxCancelling = 64;
 constexpr double kHalfUlp = 0x1p-24;
-constexpr double kRimWidth = 2e-6;  // minimum width of the rim, in 1 - r
+// If |r - 1| is less than this, rounding may always decide whether the pixel is inside the support.
+constexpr double kRimWidth = 2e-6;
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
-// A changed decision matters if it changes a pixel by at least this much (weight of a colour, slope of alpha
-// in r).
+// A decision that rounding may change matters only if it changes the weight of a colour by more than
+// kMaterialWeight, or the slope of alpha in r by more than kMaterialSlope.
 constexpr double kMaterialWeight = 1e-6, kMaterialSlope = 1e-4;
 
-// The values that a pixel reads: mean x, y; factor l00, l01, l11 of the conic (r = (l00 dx + l01 dy)^2 + (l11
-// dy)^2); logarithm of the opacity.
+// A pixel reads these values of a splat: the mean x, y, the factor l00, l01, l11 of the conic, for which r =
+// (l00 dx + l01 dy)^2 + (l11 dy)^2, and the logarithm of the opacity.
 constexpr int kReadings = 6;
 enum { kX, kY, kL00, kL01, kL11, kLogOpacity, kDepth, kSmallAxis, kOutputs };
 
+// Rounding describes the rounding errors of the footprint of a splat.
 struct Rounding {
   std::array<double, kReadings> value{};
   std::array<std::array<double, kReadings>, kReadings> covariance{};
-  double depth = 0;       // deviation of the depth
-  double small_axis = 0;  // deviation of det / trace of the ellipse
+  double depth = 0;       // standard deviation of the depth
+  double small_axis = 0;  // standard deviation of det / trace of the ellipse
 };
 
 struct Box {
@@ -45,9 +47,9 @@ std::vector<double> query_values(const std::vector<double>& raw, const Rows& row
   return query_vector<double>(raw, rows, camera, false);
 }
 
-// Returns the rounding error of each raw parameter. If the formulas only use the distance of a parameter from
-// the camera or from the query, it is the rounding error of that distance. A large coordinate itself is an
-// exact number and has no rounding error.
+// Returns the rounding error of each raw parameter. If the formulas only use the difference between a
+// parameter and the camera centre or the query, the result is the rounding error of this difference. The
+// parameter itself is an exact input without a rounding error, even if it is large.
 std::vector<double> input_rounding(const std::vector<double>& raw, const Rows& rows, const Camera& camera) {
   std::vector<double> size;
   for (double x : raw) size.push_back(std::isfinite(x) ? kHalfUlp * std::abs(x) : 0.0);
@@ -117,10 +119,10 @@ double deviation(const Rounding& s, const std::array<double, kReadings>& slope) 
   return std::sqrt(std::max(0.0, sum));
 }
 
-// The values of one splat at one pixel.
+// Meeting contains the values of one splat at one pixel.
 struct Meeting {
   double r = 0, r_rounding = 0;
-  double alpha = 0, alpha_rounding = 0;  // before alpha is limited
+  double alpha = 0, alpha_rounding = 0;  // before alpha is limited to its maximum
 };
 
 Meeting meet(const Footprint<double>& f, const Rounding& s, double x, double y, double margin,
@@ -147,8 +149,8 @@ Meeting meet(const Footprint<double>& f, const Rounding& s, double x, double y, 
   return m;
 }
 
-// Returns whether r is within rounding of the end of the support, and alpha or its slope is large enough
-// there to matter.
+// Returns whether rounding decides if the pixel is inside the support, and alpha or its slope is large enough
+// at the edge of the support for this to matter.
 bool at_rim(const Footprint<double>& f, const Meeting& m, SpatialKernel kernel) {
   if (kernel == SpatialKernel::gaussian) return std::abs(m.alpha - kMinAlphaGaussian) < m.alpha_rounding;
   const double width = m.r_rounding + kRimWidth;
@@ -157,6 +159,8 @@ bool at_rim(const Footprint<double>& f, const Meeting& m, SpatialKernel kernel) 
   return inside > kMaterialWeight || f.beta * inside / (2 * width) > kMaterialSlope;
 }
 
+// PixelStudy determines whether the decisions at a pixel are certain. undecided() returns true if rounding
+// may change one of them.
 class PixelStudy {
  public:
   PixelStudy(const Frame& frame, const std::vector<Rounding>& rounding, double margin, SpatialKernel kernel)
@@ -198,6 +202,7 @@ class PixelStudy {
   SpatialKernel kernel_;
 };
 
+// Returns the rectangle of pixels that a splat may affect. It is unlimited if the footprint is not known.
 Box box_of(const Footprint<double>& f, double support) {
   if (!f.in_range) return {};
   const double w = 1.05 * std::sqrt(support * std::abs(f.cov[0])) + 1,
@@ -206,6 +211,7 @@ Box box_of(const Footprint<double>& f, double support) {
   return std::isfinite(box.left + box.right + box.top + box.bottom) ? box : Box{};
 }
 
+// Returns whether rounding may change the decision to cull the splat.
 bool undecided_cull(const Footprint<double>& f, const Rounding& s, const Options& options, double margin) {
   const double depth = margin * s.depth;
   if (std::abs(f.depth - options.near_plane) < depth || std::abs(f.depth - options.far_plane) < depth)
@@ -216,12 +222,12 @@ bool undecided_cull(const Footprint<double>& f, const Rounding& s, const Options
   return std::abs((det - least) / trace) < margin * s.small_axis;
 }
 
-// Returns whether the determinant of the ellipse is within the rounding of its terms. Single precision may
-// then draw the splat although the ellipse is indefinite.
+// Returns whether the determinant of the ellipse is within the rounding errors of its terms. Then a
+// single-precision program may render the splat although the ellipse is indefinite.
 bool lost_determinant(const Footprint<double>& f) { return f.in_range && 4 * kHalfUlp * f.amplification > 1; }
 
-// Model, camera and weights, where each input is changed at random by at most half a unit in its last place,
-// independently of the others.
+// Moved contains a model, a camera and weights in which each number is changed at random by at most half a
+// unit in its last place, independently of the others.
 struct Moved {
   Model model;
   Camera camera;

@@ -1,10 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// study() determines what can be required of a single-precision program. The result contains the image and
-// the gradient of the oracle. It marks the undecided pixels. At an undecided pixel, a splat is so close to a
-// threshold that a rounding error may put it on either side. The thresholds are the rim of the splat, the
-// stop, the cap and the depth of another splat. The result also contains images and gradients for inputs that
-// are changed by half a unit in their last place. No single-precision program can be required to have smaller
-// errors than this change causes.
+// study() determines which accuracy can be required of a single-precision program. The result contains the
+// image and the gradient of the oracle. It marks the undecided pixels. At an undecided pixel, a splat is so
+// close to a threshold that a rounding error may put it on either side. There are four thresholds: the rim of
+// the support, the transmittance at which compositing stops, the maximum alpha, and the depth of another
+// splat, which decides the order of the two. The result also contains images and gradients for inputs that
+// are changed at random by up to half a unit in their last place. A single-precision program cannot be
+// required to have smaller errors than these changes cause.
 #pragma once
 
 #include <cstdint>
@@ -16,14 +17,16 @@ namespace ubs::oracle {
 
 struct StudyOptions {
   // A decision counts as undecided if its distance from the threshold is less than this multiple of the
-  // change that rounding of the inputs causes. The roundings are assumed to be independent. 0: every pixel
-  // counts as decided; this is for scenes that meet the thresholds exactly.
+  // change that rounding of the inputs causes. The rounding errors of the inputs are assumed to be
+  // independent. With 0, every pixel counts as decided; this is for scenes in which values equal the
+  // thresholds exactly.
   double margin = 32;
-  int neighbours = 2;      // number of perturbed evaluations
-  std::uint64_t seed = 1;  // seed of the perturbations
-  bool gradient = true;
+  int neighbours = 2;      // number of evaluations with changed inputs
+  std::uint64_t seed = 1;  // seed of the random changes of the inputs
+  bool gradient = true;    // also compute gradients
 };
 
+// Neighbour contains the results for changed inputs.
 struct Neighbour {
   std::vector<double> image, gradient;
 };
@@ -31,22 +34,24 @@ struct Neighbour {
 struct Study {
   Render image;
   std::vector<double> gradient;         // gradient of sum(weights * image) over the decided pixels
-  std::vector<std::uint8_t> undecided;  // per pixel
+  std::vector<std::uint8_t> undecided;  // one per pixel; 1: undecided
   std::size_t undecided_pixels = 0;
-  std::vector<Neighbour> neighbours;  // with the same weights
+  std::vector<Neighbour> neighbours;  // computed with the same weights as `gradient`
   std::size_t drawn = 0;              // number of visible splats
-  // Splats within rounding of a cull, or outside the range of single precision.
+  // Number of splats that rounding may cull or make visible. It includes splats outside the range of single
+  // precision.
   std::size_t undecided_splats = 0;
-  std::size_t floored = 0;           // visible splats with a raised pivot, whose derivative is not defined
+  // Number of visible splats with a raised pivot, whose derivative is undefined.
+  std::size_t floored = 0;
   std::vector<std::uint8_t> culled;  // per splat: 1 if it is certainly not visible
-  // Properties of the visible splats, for classification.
-  double amplification = 1;  // amplification of rounding in the conic (Footprint)
+  // The following properties of the visible splats are used to classify scenes.
+  double amplification = 1;  // maximum of Footprint::amplification
   // gradient_cancellation() of oracle_stages.hpp; only computed for up to 64 splats.
   double gradient_cancellation = 1;
   double colour_contrast = 1;  // largest colour or background / smallest magnitude of a splat's colour
 };
 
-// `weights` are (3, H, W).
+// Studies one view. The gradient is that of sum(weights * image); `weights` have the shape (3, H, W).
 Study study(const Model& model, const Camera& camera, const std::vector<double>& weights,
             const Options& options, const StudyOptions& how);
 

@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tape is a small tape for reverse-mode automatic differentiation in double precision, only for the oracle.
-// Formulas are templates over the scalar: `double` gives the value, and `Var` records one node per operation
-// (at most two parents and their partial derivatives), which Tape::reverse processes backwards. Branches in a
-// formula test value(x), and the derivative is that of the branch taken.
+// Tape records operations for reverse-mode automatic differentiation in double precision. Only the oracle
+// uses it.
+// Formulas are templates over the scalar type: `double` gives the value, and `Var` records one node per
+// operation (at most two parents and their partial derivatives), which Tape::reverse processes backwards.
+// Branches in a formula test value(x), and the derivative is that of the branch taken.
 #pragma once
 
 #include <algorithm>
@@ -24,14 +25,15 @@ class Tape {
     nodes_.clear();
     adjoints_.clear();
   }
-  // Call this before seeding the same nodes again.
+  // Sets all adjoints to 0. Call this before seeding other outputs of the same recording.
   void forget_adjoints() { adjoints_.assign(nodes_.size(), 0.0); }
   void seed(std::int32_t node, double adjoint) {
     if (node == kConstant) return;
     adjoints_.resize(nodes_.size(), 0.0);
     adjoints_[node] += adjoint;
   }
-  // Nodes whose adjoint is 0 are skipped, so that an unused infinite partial derivative never forms 0 * inf.
+  // Computes the adjoints of all nodes. Nodes whose adjoint is 0 are skipped, so that an unused infinite
+  // partial derivative never forms 0 * inf.
   void reverse() {
     adjoints_.resize(nodes_.size(), 0.0);
     for (std::size_t i = nodes_.size(); i-- > 0;) {
@@ -107,18 +109,19 @@ inline Var sqrt(const Var& x) {
   return Var::unary(x, root, 0.5 / root);
 }
 
-// One node is used instead of 1/(1+exp(-x)), because the composed form has the partial derivatives 0 * inf
-// for x below -709.
+// The sigmoid is one node of the tape. If it were composed of the operations of 1/(1+exp(-x)), the product of
+// their partial derivatives would be 0 * inf for x below -709.
 inline double sigmoid(double x) { return 1 / (1 + std::exp(-x)); }
 inline Var sigmoid(const Var& x) {
   const double s = sigmoid(x.value());
   return Var::unary(x, s, s * (1 - s));
 }
 
-// Computes (1-r)^beta for r in [0,1). For beta < 1 its slope in r diverges at the rim. By convention, the
-// formula of this slope uses kRimGuard instead of 1-r where 1-r is smaller. Plain differentiation would not
-// do this. The value and the derivative with respect to beta, which is bounded, are not changed. At
-// kRimGuard, single precision resolves 1-r to 2% (docs/results/2026-11-20-stability-sweeps.md).
+// Computes (1-r)^beta for r in [0,1). For beta < 1 its slope in r diverges at the rim of the support (r = 1).
+// By convention, the formula of this slope uses kRimGuard instead of 1-r if 1-r is smaller. Plain
+// differentiation would not do this. The value and the derivative with respect to beta, which is bounded, are
+// not changed. At kRimGuard, single precision resolves 1-r to 2%
+// (docs/results/2026-11-20-stability-sweeps.md).
 inline constexpr double kRimGuard = 1e-5;
 inline double rim_power(double r, double beta) { return std::exp(beta * std::log1p(-r)); }
 inline Var rim_power(const Var& r, const Var& beta) {

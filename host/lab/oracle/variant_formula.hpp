@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// This file contains the formulas of the oracle for variants that replace a whole part: rotations (from their
-// definitions, not from closed forms) and spherical harmonics (from their normalisation constants).
+// This file contains the formulas of the oracle for parts of the method that variants replace. Rotations are
+// computed from their definitions, not from closed forms, and spherical harmonics from their normalisation
+// constants.
 #pragma once
 
 #include <array>
@@ -36,9 +37,9 @@ Matrix<S> skew_rotation(const Matrix<S>& a, RotMode mode) {
   return sum;
 }
 
-// Returns the rotation v -> q v q* / |q|^2 for a quaternion w, x, y, z of any length. If it is shorter than
-// 1e-12, it is treated as if |q| were 1e-12: R = I + 2 (w [v] + [v]^2) / 1e-24, which is the identity for
-// zero. This clamp avoids the division by |q|.
+// Returns the rotation v -> q v q* / |q|^2 for a quaternion q = (w, x, y, z) of any length. If |q| is at most
+// 1e-12, the formula uses 1e-12 instead of |q|: R = I + 2 (w [v] + [v]^2) / 1e-24, where [v] is the cross
+// product matrix of (x, y, z). For q = 0 this is the identity. This avoids a division by 0.
 template <class S>
 Matrix<S> quaternion_rotation(const std::array<S, 4>& q) {
   const S& w = q[0];
@@ -59,8 +60,9 @@ Matrix<S> quaternion_rotation(const std::array<S, 4>& q) {
   return r;
 }
 
-// Returns the real spherical harmonics of a unit vector, with m = -l .. l for l = 0, 1, ... They have the
-// Condon-Shortley phase, as in 3D Gaussian splatting: the terms of odd m are negative.
+// Returns the first `count` real spherical harmonics of a unit vector, in the order l = 0, 1, ... and, for
+// each l, m = -l .. l. As in 3D Gaussian Splatting, they have the Condon-Shortley phase, so the terms of odd
+// m are negative.
 template <class S>
 std::vector<S> spherical_harmonics(const std::array<S, 3>& d, int count) {
   const S &x = d[0], &y = d[1], &z = d[2];

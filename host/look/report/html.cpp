@@ -32,8 +32,8 @@ void append_escaped(std::string& out, char c) {
   out += c;
 }
 
-// Returns the hashes in the format of content security policies, which is Base64 of the bytes that the
-// hexadecimal digits represent.
+// Returns the hashes of the codes in the format of content security policies. This format encodes the bytes
+// of a hash in Base64; PageCode contains them as hexadecimal digits.
 std::string policy_hashes(const std::vector<PageCode>& codes) {
   std::string list;
   for (const PageCode& code : codes) {

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// These functions build self-contained HTML pages: the document with its content security policy, and text
-// and data in a form in which nothing from a file or a folder name is interpreted as markup.
+// These functions build self-contained HTML pages. page_shell() builds the document with its content security
+// policy. escape_html() and script_json() encode text and data, so that a browser does not interpret contents
+// of files or names of folders as markup.
 #pragma once
 
 #include <cstdint>
@@ -17,23 +18,23 @@ namespace ubs {
 // line break, are written as encode_text() writes them.
 std::string escape_html(std::string_view text);
 
-// Returns json_text() in a form that is safe inside of a script element: no string in it can close the
-// element.
+// Returns the JSON as text that is safe inside of a script element: no string in it can close the element.
 std::string script_json(const Json& json);
 
+// Returns the bytes in Base64 encoding.
 std::string base64(std::span<const std::uint8_t> bytes);
 
 inline constexpr const char* kNoScript = "<noscript>This page needs JavaScript.</noscript>\n";
 
-// A style sheet or script of a page. `text` must not contain "</"; `sha256` is its hash in hexadecimal
-// digits.
+// PageCode is a style sheet or a script of a page. `text` must not contain "</"; `sha256` is its hash in
+// hexadecimal digits.
 struct PageCode {
   std::string text, sha256;
 };
 
-// Returns a document that does not use the network. Its content security policy contains the hashes of
-// `styles`, which page_shell() writes into the head, and of `scripts`, which `body` must contain, so that the
-// browser runs nothing else. `policy` holds further directives.
+// Returns a document that does not use the network. page_shell() writes `styles` into the head. `body` must
+// contain `scripts`. The content security policy of the document contains the hashes of both, so that the
+// browser uses no other styles or scripts. `policy` contains further directives of the policy.
 std::string page_shell(const std::string& title, const std::vector<PageCode>& styles,
                        const std::vector<PageCode>& scripts, const std::string& policy,
                        const std::string& body);

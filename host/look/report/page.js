@@ -7,13 +7,13 @@
   const record = JSON.parse(document.getElementById('ubs-record').textContent);
   const pictures = JSON.parse(document.getElementById('ubs-pictures').textContent);
   const runs = record.runs, several = runs.length > 1;
-  // Colours of Okabe and Ito, which colour-blind readers can distinguish. Some are darkened, because they
-  // would be too pale on white.
+  // The colours of the runs. They are from the palette of Okabe and Ito, which colour-blind readers can
+  // distinguish. Some are darkened, because they would be too pale on white.
   const colours = ['#0072b2', '#d55e00', '#009e73', '#b0538c', '#b97f00', '#2f8fc4', '#5a5a5a'];
   const colour = (run) => colours[run % colours.length];
   const nothing = '\u2013', mib = 1 << 20;
 
-  // ---- Reading. Files of other versions may lack fields, or hold values of other types.
+  // ---- Reading of the record. Runs of other versions may lack fields, or contain values of other types.
   const dict = (value) => (value && typeof value === 'object' && !Array.isArray(value) ? value : {});
   const list = (value) => (Array.isArray(value) ? value : []);
   const member = (value, key) => (Object.hasOwn(dict(value), key) ? value[key] : undefined);
@@ -21,7 +21,7 @@
   const isNumber = (value) => typeof value === 'number';
   const unique = (items) => [...new Set(items)];
 
-  // ---- Elements.
+  // ---- Elements of the page.
   const element = (name, attributes, ...children) => {
     const made = document.createElement(name);
     for (const [key, value] of Object.entries(attributes)) made.setAttribute(key, value);
@@ -57,7 +57,7 @@
   };
   const headOf = (first) => [first, ...runs.map((_, r) => runLabel(r))];
 
-  // ---- Numbers.
+  // ---- Formats of numbers.
   const compact = new Intl.NumberFormat('en', {notation: 'compact', maximumSignificantDigits: 3});
   const digits = new Intl.NumberFormat('en', {maximumSignificantDigits: 3, useGrouping: false});
   const short = (v) => {
@@ -80,7 +80,7 @@
   Object.assign(Chart.defaults.font, {family: getComputedStyle(document.body).fontFamily, size: 11.5});
   Chart.defaults.color = '#5b6470';
   Chart.defaults.animation = false;
-  // Selects the nearest point of every line, because rows of different runs have different x.
+  // The tooltip shows the nearest point of every line, because different runs have points at different x.
   Chart.Interaction.modes.eachLine = (chart, event) =>
       chart.getSortedVisibleDatasetMetas().flatMap((meta) => {
         const distance = (point) => Math.abs(point.x - event.x);
@@ -140,7 +140,7 @@
     psnr: ['PSNR, mean over channels', 'dB', 3, 1],
     psnr_joint: ['PSNR, joint', 'dB', 3, 1],
     ssim: ['SSIM', '', 4, 1],
-    ssim_valid: ['SSIM, inside windows', '', 4, 1],
+    ssim_valid: ['SSIM, windows inside the image', '', 4, 1],
   };
   const measure = (name) =>
       (Object.hasOwn(measures, name) ? measures[name] : [name, '', 5, name.startsWith('lpips') ? -1 : 0]);
@@ -156,7 +156,8 @@
            find(run, 'ended_early')          ? 'finished early' :
                                                'finished');
 
-  // Name, unit, decimals, whether more (1) or less (-1) is better, scale, path in metrics.json.
+  // Each entry contains the name, the unit, the number of decimals, 1 or -1 if more or less is better and 0
+  // otherwise, the factor between metrics.json and the unit, and the path in metrics.json.
   const quantities = () =>
       [...measureNames().map((name) => [...measure(name), 1, 'test', 'mean', name]),
        ['PSNR from the poses that fit best', 'dB', 3, 1, 1, 'test', 'mean', 'fitted_pose', 'psnr'],
@@ -171,13 +172,12 @@
        ['peak device memory', 'MiB', 1, -1, 1 / mib, 'peak_device_bytes'],
        ['device memory, estimated before training', 'MiB', 1, 0, 1 / mib, 'predicted_device_bytes'],
        ['extent of the cameras', 'scene units', 3, 0, 1, 'extent'],
-       ['roll-backs', '', 0, -1, 1, 'rollbacks'],
+       ['rollbacks', '', 0, -1, 1, 'rollbacks'],
        ['splats dropped', '', 0, -1, 1, 'dropped_splats'],
        ['resumed from iteration', '', 0, 0, 1, 'resumed_from'],
   ];
-  // Returns whether the run was measured on images of another size than those of the first run. If it was,
-  // its PSNR cannot be compared with that of the first run, because the same model has a different PSNR on
-  // smaller images.
+  // Returns whether the run was measured on images of a different size than the first run. If so, the PSNR of
+  // the two runs cannot be compared, because the same model has a different PSNR on smaller images.
   const otherSize = (r) => {
     const sizes = (view) => [0, r].map((run) => view.runs.find((own) => own.run === run)),
           different = ([a, b]) => a && b && (a.width !== b.width || a.height !== b.height),
@@ -231,21 +231,21 @@
     ];
     if (several)
       return [
-        note('Small figures show the difference to the first run; green means better.'),
+        note('Small numbers show the difference from the first run; green means better.'),
         table(headOf(''), rows)
       ];
     const half = Math.ceil(rows.length / 2);
     return [cards(runs[0]), of('side', table(null, rows.slice(0, half)), table(null, rows.slice(half)))];
   };
 
-  // Replaces every value by the mean of its neighbours within `reach`, with equally many on both sides.
-  // Values near the ends are therefore not pulled towards their inner neighbours.
+  // Replaces every value by the mean of the values at a distance of up to `reach`. Equally many values on both
+  // sides are used, so that values near the ends are not pulled towards their inner neighbours.
   const smoothed = (points, reach) => points.map((point, i) => {
     const near = Math.min(reach, i, points.length - 1 - i), window = points.slice(i - near, i + near + 1);
     return {x: point.x, y: window.reduce((sum, p) => sum + p.y, 0) / window.length};
   });
-  // Returns the lines of a curve over the column `along` of log.csv. A loss has two lines: as logged, and
-  // smoothed.
+  // Returns the lines of a curve over the column `along` of log.csv. The loss of a run has two lines: the
+  // logged values and the smoothed values.
   const linesOf = (curve, along) => runs.flatMap((run, r) => {
     const log = dict(run.log);
     const points = list(log[curve.column])
@@ -298,11 +298,11 @@
     return [
       legend(element('span', {class: 'choice'}, buttons)),
       of('charts', shown.map((curve) => curve.figure)),
-      note('Pale lines show the logged loss of the views of each step, bold lines its running mean.'),
+      note('Pale lines show the logged loss, bold lines its running mean.'),
     ];
   };
 
-  // The panes of a set share one zoom and position. These are stored as fractions of the pane size, because
+  // The panes of a set share one zoom and position. Positions are stored as fractions of the pane size, because
   // panes differ in size. The wheel scrolls the page until the mouse has been moved over a pane, so that
   // scrolling past images does not zoom them.
   let armed = false;
@@ -429,7 +429,7 @@
       (record.views.length ?
            [
              runs.map((run, r) => (run.views_from ? note(labelled(r, run.views_from)) : null)),
-             note('The wheel zooms all panes together, dragging moves them, a double click resets.'),
+             note('The wheel zooms all images of a view together, dragging moves them, a double click resets them.'),
              note(
                  scale('error', 'error 0', `${record.error_top} (mean of |difference|, colours 0 to 1)`), ' ',
                  scale('depth', 'depth near', 'far')),
@@ -438,9 +438,9 @@
            null);
 
   const kinds = {
-    spatial: 'spatial beta: low values are smooth surfaces, high values are fine texture',
-    angular: 'angular betas: low values are diffuse, high values depend on the view',
-    temporal: 'temporal beta: low values are static, high values move',
+    spatial: 'spatial beta: low values show smooth surfaces, high values show fine texture',
+    angular: 'angular betas: low values show diffuse colour, high values show colour that depends on the view',
+    temporal: 'temporal beta: low values show static parts, high values show moving parts',
   };
   const percent = (part) => `${Math.round(100 * part.low)} to ${Math.round(100 * part.high)} %`;
   const decomposition = () => (
@@ -454,7 +454,7 @@
                          null :
                          element(
                              'p', {class: 'warn'},
-                             'All betas are equal: the parts follow the order of the file and mean nothing.'),
+                             'All betas are equal, so these parts only follow the order of the file.'),
                      zoomSet(
                          4, d.width, d.height,
                          d.parts.map(
@@ -483,7 +483,7 @@
   const parameters = () => (
       record.histograms.length ?
           [
-            note('Activated values of all splats. Below each chart: lowest, median and highest.'),
+            note('The charts show activated values of all splats, with minimum, median and maximum below.'),
             legend(),
             of('charts small', record.histograms.map((h) => {
               const [low, high] = [h.edges[0], h.edges[h.edges.length - 1]];
@@ -525,7 +525,7 @@
 
   const viewTable = () => {
     const wide = (run) => list(find(run, 'test', 'wide_images')).map((image) => ({
-      ...dict(image), name: `${dict(image).name} (wide image, in its own lens)`
+      ...dict(image), name: `${dict(image).name} (wide image, with its own lens)`
     }));
     const measured = runs.map((run) => [...wide(run), ...measuredViews(run)]);
     const names = unique(measured.flatMap((views) => views.map((view) => view.name)));
@@ -562,7 +562,7 @@
     };
     return element(
         'div', {}, element('h3', {}, 'Time by stage'),
-        note('Estimated from sampled iterations. "other" is the rest: images, host, work between stages.'),
+        note('Estimated from sampled iterations. "other" is the remaining time of the host and between stages.'),
         table(headOf('stage'), stages.map((stage) => [stage, ...runs.map((run, r) => cell(run, r, stage))])));
   };
   const dataNotes = () => {
@@ -587,7 +587,7 @@
       const known = Object.hasOwn(record.defaults, key),
             values = runs.map((run) => member(run.settings, key) ?? nothing);
       const byData = (run) =>
-          // Chosen by ubs, so it does not count as a setting of the user.
+          // If ubs chose the value, it does not count as a setting that the user changed.
           list(find(run, 'chosen')).includes(key);
       const code = (value) => element('code', {}, value === '' ? '""' : value);
       return {
@@ -601,7 +601,7 @@
           others = rows.filter((row) => !chosen.includes(row));
     const head = () => [...headOf('setting'), 'default'];
     return [
-      note(`Settings that are not the default${several ? '; marked where the runs differ' : ''}.`),
+      note(`These settings are not the default${several ? '; rows in which the runs differ are marked' : ''}.`),
       table(head(), chosen.map((row) => row.cells), (r) => (chosen[r].differ ? 'differ' : '')),
       element(
           'details', {}, element('summary', {}, `Settings at their default (${others.length})`),

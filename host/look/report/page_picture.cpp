@@ -17,8 +17,9 @@
 namespace ubs {
 namespace {
 
-// A PNG larger than kPngBytes becomes a JPEG of the first quality. Its errors are about 1/255, too small to
-// matter for viewing. The other qualities are used if the number of bytes is limited.
+// If a PNG is larger than kPngBytes, page_picture() encodes the image as a JPEG instead. With the first
+// quality, its errors are about 1/255, which is too small to matter for viewing. The other qualities are used
+// only if the caller limits the number of bytes.
 constexpr std::array kJpegQualities{92, 80, 65, 50};
 constexpr std::size_t kPngBytes = 64 << 10;
 

@@ -11,13 +11,14 @@
 
 namespace ubs {
 
-// Returns an image as a data URI: PNG if that is small, otherwise JPEG. If its longer side has more than
-// `longest` pixels, the image is reduced to that size (area mean). If the file has more than `most_bytes`
-// bytes, the quality of the JPEG is lowered, to 50 of 100 at the lowest.
+// Returns an image as a data URI. The image is encoded as PNG if this takes at most 64 KiB, and otherwise as
+// JPEG. If its longer side has more than `longest` pixels, the image is first reduced to that size (area
+// mean). If the JPEG has more than `most_bytes` bytes, its quality is lowered step by step, down to 50 of
+// 100.
 std::string page_picture(const Image8& image, int longest, std::size_t most_bytes = SIZE_MAX);
 
-// Returns an image of the mean over the channels of |a - b|. The range from 0 to `top` is mapped to the
-// colour map Inferno: black, purple, red, yellow. Throws Error(internal) if the sizes differ.
+// Returns an image of the errors |a - b|, which are averaged over the channels. The range from 0 to `top` is
+// mapped to the colour map Inferno: black, purple, red, yellow. Throws Error(internal) if the sizes differ.
 Image8 error_image(const Image8& a, const Image8& b, double top);
 
 struct ValueRange {
@@ -29,9 +30,11 @@ ValueRange central_depth_range(std::span<const float> depth, std::span<const flo
 // Returns an image of the depth. Near pixels are bright; pixels with low alpha are darker.
 Image8 depth_image(std::span<const float> depth, std::span<const float> alpha, int width, int height,
                    ValueRange range);
-Image8 grey_image(std::span<const float> values, int width, int height);  // values from 0 to 1
+// Returns a grey image of values from 0 (black) to 1 (white).
+Image8 grey_image(std::span<const float> values, int width, int height);
 
-// Returns the mean of the PSNR of the channels of 8-bit images; infinite if a channel is equal in both.
+// Returns the PSNR of two 8-bit images in dB, as the mean of the PSNRs of their channels. It is infinite if a
+// channel is equal in both images.
 double psnr_channel_mean(const Image8& a, const Image8& b);
 
 }  // namespace ubs

@@ -21,12 +21,12 @@ constexpr int kLongestSide = 1000, kLongestPart = 640, kLongestTime = 320;
 // errors would look black.
 constexpr double kErrorTop = 0.25;
 constexpr std::size_t kBins = 48;
-// Share of the values that may be beyond each end of a histogram's axis.
+// Share of the values that may be beyond each end of the axis of a histogram.
 constexpr double kOutside = 0.005;
 
 using ReportRuns = std::vector<ReportRun>;
 
-// The images of a page. The record refers to them by their numbers.
+// PictureList contains the images of a page. The record refers to an image by its index in this list.
 class PictureList {
  public:
   std::size_t add(const Image8& image, int longest) {
@@ -162,7 +162,7 @@ Json times_json(const ReportRuns& runs, PictureList& pictures) {
 // Makes one histogram for each quantity that a run has, with the same bins for all runs.
 Json histograms_json(const ReportRuns& runs) {
   std::vector<std::vector<SplatQuantity>> all(runs.size());
-  std::vector<const SplatQuantity*> first;  // first run's quantity of each name
+  std::vector<const SplatQuantity*> first;  // for each name, the quantity of the first run that has it
   const auto named = [](const std::string& name) {
     return [&name](const SplatQuantity& q) { return q.name == name; };
   };

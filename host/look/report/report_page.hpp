@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // make_report() makes the page of `ubs report`: one self-contained HTML document about one run, or about
-// several runs side by side. The C++ code collects the data as JSON, and the images. The embedded files
-// page.css, page.js and Chart.js show them as tables and charts in the browser.
+// several runs side by side. The C++ code collects the data as JSON, and encodes the images. In the browser,
+// the embedded files page.css, page.js and Chart.js show both as tables, charts and images.
 #pragma once
 
 #include <cstddef>
@@ -18,10 +18,11 @@ namespace ubs {
 struct ReportRun {
   // The page shows the remarks of the record. They include remarks from reading the run and from rendering.
   RunRecord record;
-  std::optional<MixedModel> model;  // without it, the page has no images or histograms of it
+  std::optional<MixedModel> model;  // if it is missing, the page has no histograms
   RunDrawings drawings;
-  std::string views_from;  // for the reader: "3 of the 200 views of split 'test' of ../data/lego"
-  std::string drawn_on;    // device that rendered the images; "" if none were rendered
+  // Text that describes the views, such as "3 of the 200 views of split 'test' of ../data/lego".
+  std::string views_from;
+  std::string drawn_on;  // device that rendered the images; "" if none were rendered
 };
 
 struct ReportPage {
@@ -32,8 +33,8 @@ struct ReportPage {
   std::size_t pictures = 0, picture_bytes = 0;  // number of images, and bytes of their data URIs
 };
 
-// A part of the page that shows the model interactively (host/look/web), and the directives that it needs in
-// the content security policy of the page.
+// ReportViewer is the part of the page that shows the model interactively (host/look/web), with the
+// directives that it needs in the content security policy of the page.
 struct ReportViewer {
   std::string markup;  // empty: no viewer
   PageCode style, script;
@@ -45,6 +46,7 @@ struct ReportViewer {
 ReportPage make_report(const std::vector<ReportRun>& runs, const std::string& made_by,
                        const ReportViewer& viewer = {});
 
+// These functions return the embedded files page.css, and Chart.js with page.js.
 PageCode report_style();
 PageCode report_script();
 

@@ -32,8 +32,8 @@ KernelConfig painter_config(const Device& device, const MixedModel& model, const
   return config;
 }
 
-// Renders a model, and parts of it, from a set of cameras with colour, alpha and depth. Parts are rendered
-// with the stages of the whole model, so that each kernel is compiled only once.
+// ModelPainter renders the colour, alpha and depth of a model, or of a part of the model, from a set of
+// cameras. It renders parts with the stages of the whole model, so that each kernel is compiled only once.
 class ModelPainter {
  public:
   ModelPainter(Device& device, const MixedModel& model, const TrainSettings& settings)
@@ -105,6 +105,7 @@ bool any_time(const MixedModel& model) {
                      [](const SplatModel& g) { return has_time(g.dim); });
 }
 
+// Returns the left or the right half of an image.
 Image8 half(const Image8& both, bool right) {
   Image8 out{both.width / 2, both.height, {}};
   for (int y = 0; y < both.height; ++y) {

@@ -20,14 +20,14 @@ struct DrawnView {
   std::string name;
   std::optional<double> time;   // only for models with time
   Image8 render;                // clamped to [0, 1]
-  std::optional<Image8> truth;  // of the same size as the render
-  // (height, width). Empty for images that the run saved.
+  std::optional<Image8> truth;  // ground truth; nothing if the view has no image
+  // Alpha and depth of each pixel (height, width). They are empty for images that the run saved.
   std::vector<float> alpha, depth;
 };
 
 struct DrawnPart {
-  std::string name;  // "upper half"
-  BetaRange range;
+  std::string name;  // such as "upper half"
+  BetaRange range;   // quantiles of the betas of the splats
   std::size_t splats = 0;
   Image8 image;
 };
@@ -45,7 +45,7 @@ struct DrawnTime {
 
 struct RunDrawings {
   std::vector<DrawnView> views;
-  std::string apart_view;  // the view that shows the decompositions and the times
+  std::string apart_view;  // name of the view whose camera renders `decompositions` and `times`
   std::vector<Decomposition> decompositions;
   std::vector<DrawnTime> times;  // empty for models without time
 };
@@ -57,11 +57,12 @@ RunDrawings draw_run(Device& device, const MixedModel& model, const TrainSetting
 
 // Returns a camera of width x height pixels with an angle of view of 45 degrees along the shorter side. It is
 // on the orbit that shows most of the model (host/api/scene_frame.hpp) from 25 degrees above, at `azimuth`
-// [rad]. Used for models without cameras of their own.
+// [rad]. It is used for models without cameras.
 Camera circling_camera(const MixedModel& model, double azimuth, int width, int height);
 
-// Returns the images that `ubs train` saved in `folder` (ground truth | render), at most `count`, evenly
-// spaced by name. A file that is not such an image is skipped with a remark.
+// Returns at most `count` of the images that `ubs train` saved in `folder`, evenly spaced in the order of
+// their names. Each file contains the ground truth on the left and the render on the right. Other images are
+// skipped with a remark.
 std::vector<DrawnView> saved_renders(const std::filesystem::path& folder, std::size_t count,
                                      std::vector<std::string>& remarks);
 

@@ -59,7 +59,7 @@ std::optional<Row> read_row(const std::vector<std::string>& head, const std::vec
 
 void take_setting(RunRecord& run, FieldValues fields, const std::string& key, const std::string& value,
                   std::vector<std::string>& unknown) {
-  std::string shown = value;  // as this version writes it, so that equal values look equal
+  std::string shown = value;  // replaced by the text of this version, so that equal values look equal
   try {
     set_field(fields, key, value, "setting");
     for (const FieldValue& field : fields)
@@ -86,11 +86,11 @@ void read_settings(RunRecord& run) {
     for (const YamlEntry& entry : reader.entries(reader.root(), "the file"))
       take_setting(run, fields, entry.key, reader.text(entry), unknown);
   } else if (const Json* settings = run.find({"settings"}); settings && settings->is_object()) {
-    run.remarks.push_back("config.yaml is missing: settings are those of metrics.json");
+    run.remarks.push_back("config.yaml is missing: the settings are taken from metrics.json");
     for (const auto& [key, value] : settings->items())
       take_setting(run, fields, key, setting_text(value), unknown);
   } else {
-    run.remarks.push_back("settings are unknown: config.yaml is missing");
+    run.remarks.push_back("the settings are unknown: config.yaml is missing");
   }
   if (!unknown.empty())
     run.remarks.push_back(
@@ -155,7 +155,7 @@ Json parse_log(const std::string& csv, const std::string& origin, std::vector<st
       ++bad;
       continue;
     }
-    // After a rollback (--on-nan rollback), the log contains some iterations again.
+    // After a rollback (--on-nan rollback), the log contains some iterations twice. Keep the later rows.
     while (!rows.empty() && rows.back()[0] >= (*row)[0]) rows.pop_back();
     rows.push_back(*row);
   }
@@ -191,7 +191,7 @@ RunRecord read_run(const fs::path& folder) {
   if (const fs::path log = folder / "log.csv"; path_exists(log))
     run.log = parse_log(read_text_file(log), "log.csv", run.remarks);
   else
-    run.remarks.push_back("log.csv is missing: the report has no curves");
+    run.remarks.push_back("log.csv is missing, so the report has no curves");
   return run;
 }
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// RunRecord holds what the folder of a training run contains: settings, log, measurements. read_run() also
-// reads runs that were killed, were made by an older or newer version or lack files, as far as possible, and
-// reports what is missing.
+// RunRecord holds the contents of the folder of a training run: settings, log and measurements. read_run()
+// also reads incomplete folders as far as possible, such as those of runs that were killed, that lack files,
+// or that were created by an older or newer version. `remarks` then lists the missing parts.
 #pragma once
 
 #include <filesystem>
@@ -19,12 +19,13 @@ struct RunRecord {
   std::filesystem::path folder;
   std::string name;  // name of the folder
   Json metrics;      // metrics.json; null if it is missing
-  // The settings that this version knows; all others have their default values. Includes run_cameras.
+  // The settings that the run has stored and this version knows. All other settings have their default
+  // values. If the run refined its cameras, run_cameras is the folder that contains them.
   TrainSettings settings;
   // The settings as texts, as the run has stored them, including settings that this version does not know.
   std::vector<std::pair<std::string, std::string>> setting_texts;
   Json log;                          // log.csv: one array per column, with null for empty fields
-  std::vector<std::string> remarks;  // what is missing or could not be read
+  std::vector<std::string> remarks;  // lists missing files and contents that could not be read
 
   std::filesystem::path model() const { return folder / "model.ply"; }
   std::filesystem::path checkpoint() const { return folder / "checkpoint.ubs"; }
@@ -34,20 +35,22 @@ struct RunRecord {
   // missing.
   std::optional<double> number(const std::vector<std::string>& path) const;
   std::string text(const std::vector<std::string>& path) const;  // "" if it is missing
-  const Json* find(const std::vector<std::string>& path) const;
+  const Json* find(const std::vector<std::string>& path) const;  // null if it is missing
 };
 
-// Throws Error(data) if `folder` is not a folder, has none of the files of a run, or has an invalid
-// metrics.json.
+// Reads the folder of a run. Throws Error(data) if `folder` is not a folder, has none of the files of a run,
+// or has an invalid metrics.json.
 RunRecord read_run(const std::filesystem::path& folder);
 
-// Returns the possible locations of the data folder that a run has recorded. A relative path is relative to
-// the folder in which training was started, to the working folder, or to the folder that contains the run.
+// Returns the possible locations of the data folder whose path `data` a run has recorded. A relative path was
+// relative to the folder in which training was started, which is not recorded. Therefore the result contains
+// two locations: relative to the current working folder, and relative to the folder that contains the run.
 std::vector<std::filesystem::path> data_places(const std::string& data, const std::filesystem::path& run);
 
-// Reads the columns that the first line names, in any order. Rows with fields that are not numbers are
-// skipped with a remark, and so is a file without the column "iteration". If training went back to an earlier
-// iteration, the later rows replace the earlier ones. Returns an empty object if there are no rows.
+// Reads the text of a log.csv. The first line contains the names of the columns, which may be in any order.
+// Rows with fields that are not numbers are skipped with a remark. A file without the column "iteration" is
+// skipped completely, also with a remark. If training went back to an earlier iteration, the later rows
+// replace the earlier ones. Returns an empty object if there are no rows.
 Json parse_log(const std::string& csv, const std::string& origin, std::vector<std::string>& remarks);
 
 }  // namespace ubs

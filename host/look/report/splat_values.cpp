@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// See splat_values.hpp. The activations are those of method.md 1.1, computed in double precision on the host.
+// See splat_values.hpp. This file computes the activations of docs/method.md, section 1.1, in double
+// precision on the host.
 #include "host/look/report/splat_values.hpp"
 
 #include <algorithm>
@@ -18,7 +19,7 @@ double unchanged(double raw) { return raw; }
 struct Rows {
   int first = 0, count = 0;
 };
-// The query dimensions of each kind in a layout, as indices among the query dimensions.
+// These functions return the query dimensions of each kind. `first` is an index among the query dimensions.
 Rows directions(const ParameterLayout& l) { return {0, l.dim >= 6 ? 3 : 0}; }
 Rows time(const ParameterLayout& l) { return {directions(l).count, has_time(l.dim) ? 1 : 0}; }
 Rows further(const ParameterLayout& l) {
@@ -54,7 +55,7 @@ void add_betas(Collector& out, const ModelVariant& variant) {
     out.add(
         {"spatial beta",
          "exponent of 1 - r",
-         "4 exp(b): low is flat and hard-edged, 4 like a Gaussian, high is a spike",
+         "4 exp(b); low: flat with a hard edge, 4: similar to a Gaussian, high: a narrow peak",
          true,
          false,
          {}},
@@ -73,19 +74,19 @@ void add_betas(Collector& out, const ModelVariant& variant) {
                "weight",
                variant.learnt_weights()
                    ? "sigmoid(lambda): how far the splat moves with the query"
-                   : "min(exp(b), 1): how far the splat moves with the query; 1: as far as a Gaussian",
+                   : "min(exp(b), 1): how far the splat moves with the query; a Gaussian has 1",
                false,
                true,
                {}},
               rows, variant.learnt_weights() ? sigmoid : weight);
   };
-  add("direction", "4 exp(b): low is diffuse, high is seen from few directions only", directions);
-  add("time", "4 exp(b): low is static, high is visible for a short time", time);
+  add("direction", "4 exp(b); low: diffuse, high: visible from few directions only", directions);
+  add("time", "4 exp(b); low: static, high: visible only for a short time", time);
   add("further query", "4 exp(b) of the query dimensions after time", further);
 }
 
 void add_scales(Collector& out, const ModelVariant& variant) {
-  const std::string radius = variant.has_spatial_beta() ? "radius of support" : "standard deviation";
+  const std::string radius = variant.has_spatial_beta() ? "radius of the support" : "standard deviation";
   const std::string form =
       variant.cov_param == CovParam::spatial_ortho ? "along its axes" : "diagonal of the factor";
   out.add(
@@ -99,7 +100,7 @@ void add_scales(Collector& out, const ModelVariant& variant) {
     out.add(
         {name,
          unit,
-         direct ? "reciprocal of the diagonal of the precision factor" : "width in the query",
+         direct ? "reciprocal of the diagonal of the precision factor" : "width in the query dimension",
          true,
          false,
          {}},
@@ -114,7 +115,7 @@ void add_scales(Collector& out, const ModelVariant& variant) {
 void add_colours(Collector& out, const ModelVariant& variant) {
   const bool harmonics = variant.harmonics() > 0;
   const char* meaning =
-      harmonics ? "all channels: constant term of the harmonics" : "all channels; not clamped in training";
+      harmonics ? "all channels; constant harmonics" : "all channels; not clamped in training";
   out.add(
       {"colour", "0 to 1 is shown", meaning, false, false, {}},
       [](Layout l) {
@@ -129,7 +130,7 @@ std::vector<SplatQuantity> splat_quantities(const MixedModel& model) {
   Collector out(model);
   const ModelVariant& variant = model.variant();
   out.add(
-      {"opacity", "base opacity", "before direction and time reduce it", false, true, {}},
+      {"opacity", "base opacity", "opacity before direction and time reduce it", false, true, {}},
       [](Layout l) {
         return Rows{l.opacity, 1};
       },

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// SplatQuantity is one quantity of a model, such as its opacities, for histograms: the activated parameter
+// SplatQuantity is one quantity of a model for a histogram, such as the opacities. It contains the activated
 // values of all splats of all groups, with a name and a unit.
 #pragma once
 
@@ -11,8 +11,8 @@
 namespace ubs {
 
 struct SplatQuantity {
-  std::string name;            // "opacity"
-  std::string unit;            // label of the axis: "scene units", "exponent of 1 - r"
+  std::string name;            // such as "opacity"
+  std::string unit;            // label of the axis, such as "scene units" or "exponent of 1 - r"
   std::string meaning;         // explanation in one line
   bool logarithmic = false;    // all values are positive and span orders of magnitude
   bool unit_interval = false;  // all values are in [0, 1]

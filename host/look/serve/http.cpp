@@ -22,14 +22,16 @@ namespace {
 constexpr std::size_t kMaxHead = 8192, kMaxBody = 4096, kMaxDrained = 65536, kMaxLine = 300;
 constexpr double kRequestSeconds = 5, kAnswerSeconds = 20, kDrainSeconds = 1;
 
-// A connection, in the form that the library needs, with limits on bytes and time.
+// LimitedStream is a connection in the form of a stream of cpp-httplib. It limits the bytes and the time of a
+// request, and the time of its answer.
 class LimitedStream final : public httplib::Stream {
  public:
   explicit LimitedStream(int descriptor) : descriptor_(descriptor) {}
 
   int descriptor() const { return descriptor_; }
 
-  // Reads until the empty line after the headers. Returns false if there is none within the limits.
+  // Reads until the empty line after the headers. Returns false if this line does not arrive within the
+  // limits.
   bool read_head() {
     for (std::size_t searched = 0;;) {
       const std::size_t end = data_.find("\r\n\r\n", searched);
@@ -39,8 +41,8 @@ class LimitedStream final : public httplib::Stream {
     }
   }
 
-  // Ends the connection in a way that lets the client read the answer. Closing it while there are unread
-  // bytes would reset the connection.
+  // Ends the connection so that the client can still read the answer. For this, unread bytes of the client
+  // are read first, because closing the socket while there are unread bytes would reset the connection.
   void finish() const {
     ::shutdown(descriptor_, SHUT_WR);
     const Stopwatch watch;
@@ -71,11 +73,11 @@ class LimitedStream final : public httplib::Stream {
   bool is_readable() const override { return true; }
   void get_remote_ip_and_port(std::string&, int&) const override {}
   void get_local_ip_and_port(std::string&, int&) const override {}
-  // Returns no descriptor: the library rejects descriptors that do not fit into the sets of select(), which
-  // is not used here.
+  // Returns -1 instead of the descriptor. The library rejects descriptors that are too large for select(),
+  // but this class does not use select().
   socket_t socket() const override { return -1; }
-  // Not marked `override`: versions of the library before 0.18 have the first of these functions, later ones
-  // have the others.
+  // The next functions are not marked `override`, because versions of the library before 0.18 have only the
+  // first of them, and later versions have only the others.
   bool is_writable() const { return true; }
   bool wait_readable() const { return true; }
   bool wait_writable() const { return true; }
@@ -100,8 +102,8 @@ class LimitedStream final : public httplib::Stream {
   }
 
   // Renames headers with the name "Range". The library matches their values with a regular expression that
-  // needs up to 0.5 KB of stack per byte, so a long one would end the process (cpp-httplib 0.11.4, 4 MB for
-  // 8000 bytes).
+  // needs up to 0.5 KB of stack per byte, so a long value would overflow the stack and end the process (in
+  // cpp-httplib 0.11.4, 8000 bytes need 4 MB).
   void hide_ranges(std::size_t end) {
     for (std::size_t line = data_.find('\n'); line < end; line = data_.find('\n', line + 1))
       if (strncasecmp(data_.data() + line + 1, "range", 5) == 0) data_[line + 1] = 'X';
@@ -114,7 +116,7 @@ class LimitedStream final : public httplib::Stream {
   std::size_t used_ = 0;
 };
 
-// The connection that this thread answers, because the library does not pass it to handlers.
+// The connection that this thread answers. Handlers read it from here, because the library does not pass it.
 thread_local const LimitedStream* this_connection = nullptr;
 
 bool peer_gone(int socket) {
@@ -122,7 +124,7 @@ bool peer_gone(int socket) {
   return ::poll(&one, 1, 0) > 0;
 }
 
-// Compares in a time that does not depend on the position of the first difference.
+// Compares two tokens in a time that does not depend on the position of the first difference.
 bool same_token(std::string_view given, std::string_view token) {
   unsigned different = given.size() == token.size() ? 0 : 1;
   for (std::size_t i = 0; i < token.size(); ++i)
@@ -159,8 +161,9 @@ std::optional<Refusal> refusal(const Site& site, const httplib::Request& request
     return Refusal{403, "missing or wrong token: open the complete address that ubs printed"};
   if (request.has_header("Origin") && origin != "http://" + host)
     return Refusal{403, "only the page of this server may send this request"};
-  if (request.method != "GET" && request.method != "POST") return Refusal{405, "GET and POST only"};
-  // Accept only JSON bodies with a length. The library might decompress others or split them into parts.
+  if (request.method != "GET" && request.method != "POST")
+    return Refusal{405, "only GET and POST are supported"};
+  // Accept only JSON bodies with a length, because the library might decompress other bodies or split them.
   if (request.has_header("Transfer-Encoding") || request.has_header("Content-Encoding"))
     return Refusal{415, "the body must have a Content-Length and no encoding"};
   if (request.method == "GET") return {};
@@ -231,7 +234,8 @@ class Http::Library final : public httplib::Server {
 
  private:
   using Setup = std::function<void(httplib::Request&)>;
-  // The signatures of the library up to version 0.17, and since 0.18.
+  // process_request() has the first of these signatures up to version 0.17 of the library, and the second
+  // since version 0.18.
   using Process = bool (httplib::Server::*)(httplib::Stream&, bool, bool&, const Setup&);
   using AddressedProcess = bool (httplib::Server::*)(httplib::Stream&, const std::string&, int,
                                                      const std::string&, int, bool, bool&, const Setup&);
@@ -258,7 +262,7 @@ void Http::answer(int socket, const std::function<void()>& admitted) noexcept {
     this_connection = &stream;
     library_->answer(stream, admitted);
     stream.finish();
-    // Out of memory outside of the handlers: the connection ends without an answer.
+    // If memory runs out outside of the handlers, the connection ends without an answer.
   } catch (...) {
   }
   this_connection = nullptr;

@@ -20,13 +20,13 @@ struct HttpReply {
   std::vector<std::pair<std::string, std::string>> headers;
 };
 
-// The content that is served, and the conditions for access.
+// Site contains the content that is served, and the conditions for access.
 struct Site {
   std::string host;                    // name or address that the server was told to listen on
   bool loopback = true;                // only programs on this machine can connect
-  std::string token;                   // must be in the address of requests; empty: none needed
-  std::string page;                    // HTML, for GET /
-  std::function<std::string()> state;  // returns JSON, for GET /state
+  std::string token;                   // must be in the address of requests; empty: no token is needed
+  std::string page;                    // HTML page, the answer to GET /
+  std::function<std::string()> state;  // returns the answer to GET /state as JSON
   // Answers POST /picture; receives the body of the request. `gone` returns true if the sender has closed the
   // connection.
   std::function<HttpReply(const std::string& body, const std::function<bool()>& gone)> picture;

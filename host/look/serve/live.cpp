@@ -13,6 +13,7 @@
 #include "host/look/serve/live_page.hpp"
 #include "host/look/serve/painter.hpp"
 #include "host/look/serve/picture_pause.hpp"
+#include "host/look/web/steps.hpp"
 #include "host/scene/scene_unit.hpp"
 #include "host/train/run_settings.hpp"
 
@@ -22,15 +23,30 @@ namespace {
 constexpr std::size_t kMaxPoints = 400;  // maximum number of points of a curve
 // An image may always have this number of intersections, which need about 0.1 GB.
 constexpr std::uint64_t kIntersections = 4 << 20;
-// No limit. This is used for a view of the training data, because training needs the same memory.
+// This value means that there is no limit. It is used for a view of the training data, because training needs
+// the same memory.
 constexpr auto kUnlimited = std::numeric_limits<std::uint64_t>::max();
-constexpr double kLastPictures = 2, kWatched = 10, kFresh = 1, kAway = 90;  // seconds
+// Durations in seconds. end() renders images for up to kLastPictures. It waits for requests only if an image
+// was rendered in the last kWatched. The state is published at least every kFresh. If a viewer has sent no
+// request for kAway, the viewer has left.
+constexpr double kLastPictures = 2, kWatched = 10, kFresh = 1, kAway = 90;
 constexpr std::chrono::milliseconds kWait{1000};
+constexpr double kPosterSide = 640;  // maximum length of the longer side of the poster [px]
 
 // Returns the remaining time that the run reports, or an estimate from the iterations so far.
 double seconds_left(const StepReport& report) {
   if (report.seconds_left > 0 || report.iteration == 0) return report.seconds_left;
   return report.seconds * (report.iterations - report.iteration) / report.iteration;
+}
+
+// Returns the camera of the poster, which is the initial camera with fewer pixels.
+Camera poster_camera(const Scene& scene) {
+  Camera camera = scene.cameras.at(scene.start).camera;
+  const double scale = std::min(1.0, kPosterSide / std::max(camera.width, camera.height));
+  for (double* length : {&camera.fx, &camera.fy, &camera.cx, &camera.cy}) *length *= scale;
+  for (int* side : {&camera.width, &camera.height})
+    *side = std::max(1, static_cast<int>(std::lround(scale * *side)));
+  return camera;
 }
 
 }  // namespace
@@ -41,7 +57,7 @@ struct LiveTraining::Implementation {
   Device& device;
   Trainer& trainer;
   const TimeSource& time;
-  double unit;  // length in the data that counts as 1 in training
+  double unit;  // length in the data that is 1 in the unit of training
   std::unique_ptr<Stages> stages{};
   std::unique_ptr<Painter> painter{};
   struct Point {
@@ -54,9 +70,9 @@ struct LiveTraining::Implementation {
   Stopwatch begun{time}, published{time}, last_picture{time};
   double spent = 0;  // seconds
   std::size_t pictures = 0;
-  std::uint64_t requests = 0;  // that were noted by look_for_viewers()
+  std::uint64_t requests = 0;  // number of requests at the last call of look_for_viewers()
   Stopwatch last_request{time};
-  std::size_t sample_views = 0;  // that `tests` is the mean of; 0: all test views
+  std::size_t sample_views = 0;  // number of views that `tests` are means of; 0: all test views
   bool ended = false;
 
   void look_for_viewers() {
@@ -65,10 +81,20 @@ struct LiveTraining::Implementation {
     last_request.restart();
   }
 
-  std::string draw(Camera camera, bool exact, std::uint64_t most) {
+  // Converts the camera into the unit of training, and prepares the painter. Returns the present splats.
+  RenderGroup prepare(Camera& camera) {
     scale_lengths(camera, 1 / unit);
-    const RenderGroup group{stages.get(), trainer.device_model().view()};
     painter->use(render_settings(trainer.drawn_settings()));
+    return {stages.get(), trainer.device_model().view()};
+  }
+
+  Image8 image(Camera camera) {
+    const RenderGroup group = prepare(camera);
+    return painter->image(std::span(&group, 1), camera, kUnlimited);
+  }
+
+  std::string draw(Camera camera, bool exact, std::uint64_t most) {
+    const RenderGroup group = prepare(camera);
     return painter->draw(std::span(&group, 1), camera, exact, most);
   }
 
@@ -95,7 +121,7 @@ struct LiveTraining::Implementation {
 
   static void add(std::vector<Point>& points, int iteration, double value) {
     if (!std::isfinite(value)) return;
-    while (!points.empty() && points.back().iteration >= iteration) points.pop_back();  // training went back
+    while (!points.empty() && points.back().iteration >= iteration) points.pop_back();  // after a rollback
     points.push_back({iteration, value});
     if (points.size() < kMaxPoints) return;
     for (std::size_t i = 0; i < kMaxPoints / 2; ++i) points[i] = points[2 * i];
@@ -137,14 +163,13 @@ LiveTraining::LiveTraining(Server& server, double share, Device& device, Trainer
   config.backward = false;  // as in `ubs render`
   own.stages = make_stages(device, config);
   own.painter = std::make_unique<Painter>(device, *own.stages, trainer.render_settings());
-  const Camera& first = scene.cameras.at(0).camera;
-  own.draw(first, false, kUnlimited);  // compiles the kernels
+  const std::string poster = web::poster_uri(own.image(poster_camera(scene)));  // also compiles the kernels
   own.report = {.iteration = trainer.iteration(),
                 .iterations = settings.iterations,
                 .seconds = trainer.seconds(),
                 .splats = model.count()};
   own.publish();
-  server.start(live_page(scene, true));
+  server.start(live_page(scene, true, poster));
   own.begun.restart();
 }
 
@@ -191,10 +216,16 @@ std::string LiveTraining::summary() const {
 
 void serve_model(Server& server, ModelSession& session, const MixedModel& model, const Scene& scene) {
   Painter painter(session.device(), session.stages(), session.settings());
-  // An intersection takes 24 bytes, and more for sorting.
+  // An intersection takes 24 bytes and additional memory for sorting, so allow one per 64 bytes of memory.
   const std::uint64_t most = session.device().info().memory_bytes / 64;
   server.publish(json_text({{"splats", model.count()}, {"memory", session.device().allocated_bytes()}}));
-  server.start(live_page(scene, false));
+  std::string poster;
+  try {
+    poster = web::poster_uri(painter.image(session.model().view(), poster_camera(scene), most));
+  } catch (const Error& error) {  // the page shows this error when it requests the image
+    if (error.kind() != ErrorKind::memory) throw;
+  }
+  server.start(live_page(scene, false, poster));
   for (;;)
     server.serve(kWait, [&](const PictureRequest& request) -> Picture {
       const Stopwatch watch;

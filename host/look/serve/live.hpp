@@ -17,10 +17,10 @@
 
 namespace ubs::serve {
 
-inline constexpr double kShare = 5;              // percent
+inline constexpr double kShare = 5;              // default share of the time for rendering [percent]
 inline constexpr std::size_t kMaxCameras = 100;  // maximum number of cameras in the page
 
-// The initial state of the page.
+// Scene is the initial state of the page.
 struct Scene {
   std::string title;
   SceneFrame frame;
@@ -30,38 +30,39 @@ struct Scene {
   bool has_time = false;
 };
 
-// Serves a training. All functions must be called from the training thread. Images are rendered between
-// training steps, as many as fit into their share of the time. They do not change the result: the model is
-// bit-identical to that of a training without server.
+// LiveTraining serves a training. All functions must be called from the training thread. Images are rendered
+// between training steps, as many as fit into their share of the time. Rendering does not change the result:
+// the model is bit-identical to that of a training without a server.
 class LiveTraining {
  public:
   // Compiles the kernels, renders a first image, and starts to answer requests. `share` is the percentage of
-  // the time that rendering may take. `scene` is in the unit of the data, whatever settings.unit is. All
-  // arguments passed by reference must outlive this object.
+  // the time that rendering may take. Lengths in `scene` are in the unit of the data, for any settings.unit.
+  // All arguments passed by reference must outlive this object.
   LiveTraining(Server& server, double share, Device& device, Trainer& trainer, const TrainSettings& settings,
                const Scene& scene, const TimeSource& time = steady_time());
   ~LiveTraining();
 
-  // Publishes the state after a step. Renders an image, if one is requested and the share of the time allows
-  // it, only if the training `continues`: after a signal or the last step, saving the model comes first.
+  // Publishes the state after a step. Then renders an image if one is requested, if the share of the time
+  // allows it, and if the training `continues`. After a signal or the last step, `continues` is false, so
+  // that the model is saved before images are rendered.
   void step(const StepReport& report, bool continues);
-  // Renders images of the final state for at most two seconds; an image in progress is finished. Waits for
-  // requests only if images were rendered in the last ten seconds. Call it after saving the model.
+  // Renders images of the final state. No image is started after two seconds. The function waits for requests
+  // only if images were rendered in the last ten seconds. Call it after saving the model.
   void end();
-  // Returns whether a browser that shows the page has sent a request in the last 90 seconds. Browsers send
-  // them at least once per minute, also for a page that is hidden.
+  // Returns whether a browser that shows the page has sent a request in the last 90 seconds. The page sends
+  // requests at least once per minute, even if it is hidden.
   bool has_viewer() const;
   // Renders images of the final state until `ends` returns true, which is checked every second, or
   // has_viewer() becomes false. Call it after end().
   void stay(const std::function<bool()>& ends);
-  std::string summary() const;
+  std::string summary() const;  // returns the number of images and the time that they took, as text
 
  private:
   struct Implementation;
   std::unique_ptr<Implementation> own_;
 };
 
-// Shows a model and never returns. A signal ends the program; nothing needs to be saved.
+// Serves a model and never returns. A signal ends the program, because nothing needs to be saved.
 void serve_model(Server& server, ModelSession& session, const MixedModel& model, const Scene& scene);
 
 }  // namespace ubs::serve

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // This is the script of the page that shows a live training or model. The page controls the camera, and the
 // server renders the images. The page requests one image at a time; when it has arrived, it requests the next
-// one from the newest camera. While something moves, images have as many pixels as the server can render a
-// few times per second; at rest, as many as it can render within seconds.
+// one from the newest camera. While the camera moves, images have as many pixels as the server can render a few
+// times per second. When it is at rest, images have as many pixels as the server can render within 5 seconds.
 'use strict';
 
 const MOVING_SECONDS = 0.25, REST_SECONDS = 5, REST_MS = 400, REFRESH_MS = 1000, MAX_PIXELS = 1 << 21;
@@ -20,6 +20,10 @@ class Live {
     this.at = options.start;
     this.find = (selector) => root.querySelector(selector);
     this.canvas = this.find('canvas');
+    if (options.poster) {
+      const still = Object.assign(new Image(), {className: 'poster', src: options.poster, alt: 'Still image'});
+      this.find('.stage').prepend(still);
+    }
     this.camera = new ViewCamera(options.scene, options.cameras[this.at]);
     const cameras = this.find('select');
     cameras.append(...options.cameras.map((c) => new Option(c.name)));
@@ -45,7 +49,7 @@ class Live {
       home: () => this.jump(this.at),
       p: () => this.save(),
     });
-    new ResizeObserver(() => this.change()).observe(this.canvas);  // also calls it once at the start
+    new ResizeObserver(() => this.change()).observe(this.canvas);  // the observer also calls change() once at the start
     this.watch();
   }
 
@@ -87,7 +91,7 @@ class Live {
     if (!size) return;  // the ResizeObserver calls again when the canvas has a size
     this.waiting = new AbortController();
     ++this.asked;
-    // Images of a training become outdated.
+    // During a training, images become outdated, so they are requested again and again.
     let again = this.options.training && !this.ended;
     try {
       await this.draw(await this.request(...size));
@@ -98,7 +102,7 @@ class Live {
     this.waiting = undefined;
     this.shown = this.asked;
     if (this.dirty) return this.ask();
-    // After a small image, request a full-size one when the camera is at rest.
+    // After a small image, request a larger one when the camera is at rest.
     if (this.small || again) this.later = setTimeout(() => this.ask(), this.small ? REST_MS : REFRESH_MS);
   }
 
@@ -186,7 +190,7 @@ class Live {
     }
     if (state.ended && !this.ended) {
       this.ended = true;
-      this.change();  // to an image of the final model
+      this.change();  // requests an image of the final model
     }
     const last = (points) => points[points.length - 1]?.[1];
     const loss = last(state.loss), test = last(state.test);

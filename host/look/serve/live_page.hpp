@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// live_page() makes the page for viewers. It shares style and camera with `ubs web`; its script is live.js.
+// live_page() returns the page that shows a live training or model. The page has the same style sheet and
+// camera as the pages of `ubs web`. Its script is live.js.
 #pragma once
 
 #include <string>
@@ -9,8 +10,11 @@
 
 namespace ubs::serve {
 
+// These functions return the embedded files page.html, and camera.js, controls.js and live.js as one script.
 std::string page_markup();
 PageCode page_script();
-std::string live_page(const Scene& scene, bool training);
+// `training` is true for a training and false for a model. `poster` is the URI of a still image that the page
+// shows until its first frame; it may be empty.
+std::string live_page(const Scene& scene, bool training, const std::string& poster);
 
 }  // namespace ubs::serve

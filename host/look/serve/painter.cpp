@@ -19,7 +19,7 @@ constexpr int kQuality = 90;
 Outcome Painter::Bounded::run(const Operation& operation) {
   Outcome outcome = stages_.run(operation);
   const auto* count = std::get_if<CountLists>(&operation);
-  // The lists keep their allocated size.
+  // If the totals stay in device memory, the lists keep their allocated size, so there is no limit to check.
   if (count == nullptr || count->totals.memory != nullptr) return outcome;
   if (const auto& totals = std::get<ListTotals>(outcome); totals.intersections > most)
     fail(ErrorKind::memory,
@@ -32,14 +32,18 @@ Outcome Painter::Bounded::run(const Operation& operation) {
 Painter::Painter(Device& device, Stages& stages, const RenderSettings& settings)
     : stages_(stages), renderer_(device, stages_), settings_(settings) {}
 
-std::string Painter::draw(std::span<const RenderGroup> groups, const Camera& camera, bool exact,
-                          std::uint64_t most) {
+Image8 Painter::image(std::span<const RenderGroup> groups, const Camera& camera, std::uint64_t most) {
   stages_.most = most;
   renderer_.set_cameras({camera});
   renderer_.forward(groups, 0, settings_, false);
   const RenderedView view = renderer_.download();
-  Image8 image = image_from_interleaved(view.rgb, view.width, view.height);
-  if (exact) {  // encoded like all PNG files that ubs writes
+  return image_from_interleaved(view.rgb, view.width, view.height);
+}
+
+std::string Painter::draw(std::span<const RenderGroup> groups, const Camera& camera, bool exact,
+                          std::uint64_t most) {
+  Image8 image = this->image(groups, camera, most);
+  if (exact) {  // encode the image like all PNG files that ubs writes
     const auto file = encode_png({image.width, image.height}, image.rgb.data());
     return {reinterpret_cast<const char*>(file.data()), file.size()};
   }

@@ -1,11 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
-// Painter renders images for viewers. It has stages and buffers of its own, so that it does not change the
-// state of a training. Clients may send any camera, so a view that would need too much memory is refused.
+// Painter renders images for the clients of the server. It has buffers of its own, so that it does not change
+// the state of a training. Clients may send any camera, so Painter refuses views that would need too much
+// memory.
 #pragma once
 
 #include <span>
 #include <string>
 
+#include "host/data/image.hpp"
 #include "host/pipeline/renderer.hpp"
 
 namespace ubs::serve {
@@ -14,13 +16,16 @@ class Painter {
  public:
   Painter(Device& device, Stages& stages, const RenderSettings& settings);
 
-  // Renders a JPEG or, with `exact`, a PNG. Throws Error(memory) for a view with more than `most`
-  // intersections of splats and tiles.
+  // Renders an image. Throws Error(memory) for a view with more than `most` intersections of splats and
+  // tiles.
+  Image8 image(std::span<const RenderGroup> groups, const Camera& camera, std::uint64_t most);
+  // Renders an image like image(), and returns it as a JPEG file or, with `exact`, as a PNG file.
   std::string draw(std::span<const RenderGroup> groups, const Camera& camera, bool exact, std::uint64_t most);
 
   void use(const RenderSettings& settings) { settings_ = settings; }
 
  private:
+  // Bounded runs operations with the given stages, but refuses views with more than `most` intersections.
   class Bounded final : public Stages {
    public:
     explicit Bounded(Stages& stages) : stages_(stages) {}

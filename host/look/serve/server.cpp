@@ -38,7 +38,7 @@ constexpr int kBacklog = 64;  // connections that the system queues before they 
 constexpr double kPictureSeconds = 120, kClosingSeconds = 1;
 constexpr auto kPeerCheck = 200ms;
 // Pause between two connections. An answer takes 0.5 ms of processor time in addition to rendering, and 0.8
-// ms with the longest headers (two cores of an AMD EPYC, 2026-11-27). So the threads of the server use at
+// ms with the longest headers (measured on an AMD EPYC). With this pause, the threads of the server use at
 // most 2 to 4 % of one processor.
 constexpr auto kBetweenConnections = 20ms;
 
@@ -84,7 +84,7 @@ HttpReply picture_reply(const Server::Draw& draw, const PictureRequest& request)
   }
 }
 
-// A connection, which is closed in the destructor.
+// Connection is an accepted connection. Its destructor closes the socket.
 struct Connection {
   explicit Connection(int descriptor) : socket(descriptor) {}
   Connection(const Connection&) = delete;
@@ -116,8 +116,8 @@ struct Server::Implementation {
   std::string state = "{}";
   std::deque<std::shared_ptr<PendingPicture>> pending;
 
-  // Used by the accepting thread and, after it has ended, by the destructor. The oldest connections are at
-  // the front.
+  // Only the accepting thread uses this list and, after that thread has ended, the destructor. The oldest
+  // connections are at the front.
   std::list<Connection> connections;
   std::thread accepting;
 
@@ -247,7 +247,7 @@ struct Server::Implementation {
       if (watch.seconds() > kPictureSeconds || gone()) break;
     std::erase(pending, own);
     if (own->reply) return std::move(*own->reply);
-    if (closing) return {.status = 410, .body = "it has ended"};
+    if (closing) return {.status = 410, .body = "the program has ended"};
     return {.status = 503, .body = "the image was not rendered in time: repeat the request"};
   }
 
@@ -315,7 +315,7 @@ bool Server::serve(std::chrono::milliseconds wait, const Draw& draw) {
   HttpReply reply{.status = 500};
   try {
     reply = picture_reply(draw, next->request);
-    // There is not even memory for an error message: send an empty answer.
+    // If there is not even memory for an error message, send an empty answer.
   } catch (const std::bad_alloc&) {
   }
   lock.lock();

@@ -21,11 +21,12 @@ struct Address {
   int port = 8080;                 // 0: any free port
 };
 
+// Maximum number of pixels and maximum length of a side of an image that a client may request.
 inline constexpr int kMaxPicturePixels = 1 << 21, kMaxPictureSide = 1 << 14;
 
 struct PictureRequest {
-  Camera camera;       // checked
-  bool exact = false;  // as PNG
+  Camera camera;       // accepted by check_camera()
+  bool exact = false;  // true: send the image as PNG; false: as JPEG
 };
 
 struct Picture {
@@ -46,13 +47,13 @@ class Server {
   const std::string& url() const;
   // Returns how many allowed requests have arrived.
   std::uint64_t requests() const;
-  void start(std::string page);     // starts to answer requests
-  void publish(std::string state);  // JSON, for /state
+  void start(std::string page);     // starts to answer requests; `page` is the HTML page
+  void publish(std::string state);  // sets the JSON that answers requests for /state
 
   using Draw = std::function<Picture(const PictureRequest&)>;
-  // Waits up to `wait` for a request, answers the oldest one with `draw`, and returns whether there was a
-  // request. If `draw` throws an exception of any type, it becomes the answer to the request and is not
-  // passed on.
+  // Waits up to `wait` for a request for an image, answers the oldest one with `draw`, and returns whether
+  // there was a request. If `draw` throws an exception of any type, it becomes the answer to the request and
+  // is not passed on.
   bool serve(std::chrono::milliseconds wait, const Draw& draw);
 
  private:

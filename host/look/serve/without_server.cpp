@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Replaces the other files in builds without cpp-httplib or OpenCV.
+// This file replaces the other source files of this folder in builds without cpp-httplib or OpenCV.
 #include "host/base/error.hpp"
 #include "host/look/serve/live.hpp"
 

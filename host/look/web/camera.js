@@ -16,7 +16,8 @@ function turned(v, axis, angle) {
 }
 
 class ViewCamera {
-  // `scene`: centre, up; `camera`: centre, rotation (9), fx, fy, cx, cy, width, height, time, extra.
+  // `scene` has the members centre, up and distance. `camera` has the members centre, rotation (9 numbers), fx, fy,
+  // cx, cy, width, height, time and extra.
   constructor(scene, camera) {
     this.scene = scene;
     this.set(camera);
@@ -70,7 +71,7 @@ class ViewCamera {
     this.centre = add(target, this.axes[2], -this.distance);
   }
 
-  // Pans by pixels of a canvas of this size: points at the target's depth follow the pointer.
+  // Pans by (dx, dy) pixels of a canvas of this size. Points at the depth of the target follow the pointer.
   pan(dx, dy, width, height) {
     const {fx, fy} = this.on(width, height);
     this.centre =
@@ -90,8 +91,8 @@ class ViewCamera {
     });
   }
 
-  // Returns whether one of the cameras saw this view: the target is in its image, from a direction that
-  // differs by at most 60 degrees, and at most twice as far from this camera as from that one.
+  // Returns whether one of `cameras` saw this view. Such a camera has the target in its image, from a direction
+  // that differs by at most 60 degrees, and this camera is at most twice as far from the target as that camera.
   isSeenBy(cameras) {
     return cameras.some((c) => {
       const way = add(this.target, c.centre, -1), far = Math.hypot(...way);
@@ -102,6 +103,7 @@ class ViewCamera {
     });
   }
 
+  // Returns the camera as a text for links.
   text() {
     const numbers =
         [...this.centre, ...this.axes.flat(), this.distance, this.lens.fx / this.lens.width, this.time];
@@ -122,7 +124,8 @@ class ViewCamera {
   }
 }
 
-// Marks the stage while the camera shows what no camera of the capture saw. The style writes it at the edge.
+// Marks the stage while the camera shows a view that no camera of the capture saw. The style sheet then shows a
+// message and a border.
 function markUnseen(stage, camera, {captured, cameras}) {
   stage.classList.toggle('unseen', captured && !camera.isSeenBy(cameras));
 }

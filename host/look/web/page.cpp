@@ -34,8 +34,8 @@ std::string model_script(std::span<const std::byte> model, bool first = true) {
                      first ? " id=\"ubs-model\"" : "", base64(bytes));
 }
 
-// `model`: the markup of the model data that the page contains before the viewer starts; empty if the page
-// adds the data after the viewer.
+// Returns the markup of the viewer. `model` is the markup of the model data. It is empty if the page adds the
+// model data after the script of the viewer.
 std::string element_markup(const ViewerPage& page, const TrainSettings& drawn, bool section,
                            const std::string& model) {
   return fmt::format("<div id=\"ubs-viewer\" class=\"{}\"></div>\n", section ? "section" : "page") +

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // web_page() makes a page that shows a model: one HTML document with the model data (host/data/ubsz.hpp) and
-// the viewer, which loads nothing else. viewer_markup() makes the same viewer as a part of another page.
+// the viewer. The page loads no other files. viewer_markup() makes the same viewer as a part of another page.
 #pragma once
 
 #include <array>
@@ -24,12 +24,14 @@ struct ViewerPage {
   SceneFrame scene;
   std::vector<View> cameras;  // selectable cameras, at least one; images are not used
   std::size_t start = 0;      // index of the initial camera
-  // The scene was captured by these cameras, so the page marks what none of them saw. If it is false, the
-  // cameras were placed around a model whose cameras are unknown.
+  // True if these cameras captured the scene. Then the page marks views that none of them saw. False if the
+  // cameras of the model are unknown, and `cameras` were placed around it.
   bool captured = false;
-  // For a frame in another page: controls are folded, and the wheel only zooms after a click.
+  // True if the page will be shown in a frame of another page. Then the controls are folded, and the wheel
+  // zooms only after a click.
   bool embed = false;
-  // End of each part of the model data; the parts are shown one after the other. Empty: one part.
+  // End of each part of the model data [bytes]. The page shows the parts one after the other. Empty: the data
+  // are one part.
   std::vector<std::size_t> parts;
   // URI of a still image that is shown until the first frame (poster_uri() in steps.hpp); may be empty.
   std::string poster;
@@ -38,17 +40,20 @@ struct ViewerPage {
 // Returns the data that every page of a scene needs: its frame, and the selectable cameras. See ViewerPage.
 Json page_scene(const SceneFrame& frame, std::span<const View> cameras, std::size_t start, bool captured);
 
+// These functions return the embedded style sheet and scripts.
 PageCode viewer_style();
 PageCode viewer_script();
 PageCode part_script();  // informs the viewer about a further part of the model
 std::string worker_script();
 
-// Returns the viewer's element and data, for a body that ends with viewer_script(); the model is in one part.
-// `section`: the viewer is a section of a longer page.
+// Returns the HTML element of the viewer and its data, with the model in one part. The page must contain
+// viewer_script() after them. `drawn` are the settings that the model is rendered with. `section` is true if
+// the viewer is a section of a longer page.
 std::string viewer_markup(const ViewerPage& page, const TrainSettings& drawn,
                           std::span<const std::byte> model, bool section);
 // Directives of the content security policy of a page with a viewer, besides the hashes of style and script.
 inline constexpr const char* kViewerPolicy = "img-src data:; worker-src blob:";
+// Returns the complete page of `ubs web`.
 std::string web_page(const ViewerPage& page, const TrainSettings& drawn, std::span<const std::byte> model);
 
 }  // namespace ubs::web

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Panel has the viewer's controls, as ordinary labelled elements.
+// Panel contains the controls of the viewer, as ordinary labelled HTML elements.
 'use strict';
 
 const KEYS =
@@ -20,7 +20,7 @@ class Panel {
         [this.views(options), ...(this.timed ? [this.times()] : []), this.buttons(), ...this.more(model)];
     this.facts = element('p', {class: 'facts'});
     this.said = element('p', {class: 'said', role: 'status'});
-    // In a page of its own, the open panel would cover a part of the picture.
+    // In a page of its own, the open panel would cover a part of the image.
     const open = !options.embed && !options.page && innerWidth > 700;
     const body = element('details', {class: 'panel', open},
         element('summary', {}, 'Controls'), ...parts, element('p', {class: 'keys', id: 'ubs-keys'}, KEYS),
@@ -78,7 +78,7 @@ class Panel {
         this.labelled('Speed', this.speed));
   }
 
-  // Returns the folded controls, which few viewers need. A model without betas has none.
+  // Returns the folded controls, which few users need. A model without betas does not have them.
   more(model) {
     if (model.betas.length === 0) return [];
     return [element('details', {class: 'more'}, element('summary', {}, 'More'), this.choices(model))];
@@ -106,7 +106,7 @@ class Panel {
   buttons() {
     const {viewer} = this, button = (text, act) => element('button', {type: 'button', onclick: act}, text);
     return element('div', {class: 'row'}, button('Back', () => viewer.jump(viewer.options.start)),
-        button('Copy link', () => viewer.copyLink()), button('Save picture', () => viewer.screenshot()),
+        button('Copy link', () => viewer.copyLink()), button('Save image', () => viewer.screenshot()),
         button('Full screen',
             () => (
                 document.fullscreenElement ? document.exitFullscreen() : viewer.root.requestFullscreen?.())));
@@ -129,6 +129,6 @@ class Panel {
     const rate = viewer.pace ? `, ${(1000 / viewer.pace).toFixed(0)} frames per second` : '';
     this.facts.textContent =
         `${level}${model.splats} splats of N = ${model.dims.join(', ')} in ${(model.bytes / 1e6).toFixed(2)} MB; ` +
-        `${last.drawn} drawn at ${viewer.picture.width} x ${viewer.picture.height}${rate}`;
+        `${last.drawn} rendered at ${viewer.picture.width} x ${viewer.picture.height}${rate}`;
   }
 }

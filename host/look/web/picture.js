@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Picture renders the viewer's image: it draws the records from the worker, farthest first, into a
-// floating-point framebuffer, and then the selected channel onto the canvas.
+// Picture renders the image of the viewer. It draws the records from the worker, farthest first, into a
+// floating-point framebuffer. Then it draws the selected channel of this framebuffer onto the canvas.
 'use strict';
 
 const SPLAT_VERTEX = `#version 300 es
@@ -16,8 +16,8 @@ void main() {
   shape = a0;
   look = vec4(a1.xyz, a2.w);
   colour = depth ? vec3(a1.w) : a2.rgb;
-  // The square around the unit circle in the coordinates of the ellipse, and a margin for corners that are
-  // rounded to parts of a pixel.
+  // Draw the square around the unit circle in the coordinates of the ellipse. It has a margin, because its
+  // corners are rounded to fractions of a pixel.
   vec2 corner = vec2(gl_VertexID & 1, gl_VertexID >> 1) * 2.0 - 1.0;
   vec2 p = corner * (sqrt(a2.w) + 0.2 * vec2(a0.z + abs(a0.w), a1.x));
   float dy = p.y / a1.x;
@@ -134,7 +134,7 @@ class Picture {
     gl.framebufferTexture2D(gl.FRAMEBUFFER, gl.COLOR_ATTACHMENT0, gl.TEXTURE_2D, this.texture, 0);
   }
 
-  // Takes the records of a frame from the worker and keeps them until the next frame.
+  // Uploads the records of a frame from the worker. They are kept until the next frame.
   take(frame) {
     const {gl} = this;
     gl.bindBuffer(gl.ARRAY_BUFFER, this.buffer);
@@ -148,7 +148,7 @@ class Picture {
     this.range = [frame.nearest, frame.farthest];
   }
 
-  // channel: 0 colour, 1 alpha, 2 depth.
+  // Draws the frame. `channel` is 0 for colour, 1 for alpha and 2 for depth.
   draw({channel, background, gaussian, alphaMin}) {
     const {gl} = this;
     gl.viewport(0, 0, this.width, this.height);
@@ -176,7 +176,7 @@ class Picture {
     gl.drawArrays(gl.TRIANGLES, 0, 3);
   }
 
-  // Returns the RGBA values of the canvas, starting with the top row. Must be called directly after draw().
+  // Returns the RGBA values of the canvas, starting with the top row. It must be called directly after draw().
   pixels() {
     const {gl, width, height} = this, flipped = new Uint8Array(4 * width * height),
                       out = new Uint8Array(4 * width * height);

@@ -18,26 +18,28 @@
 namespace ubs::web {
 namespace {
 
-constexpr std::size_t kSensitiveViews = 48;  // maximum number of views that H is estimated from
+constexpr std::size_t kSensitiveViews = 48;  // maximum number of views that H (steps.hpp) is estimated from
 constexpr int kTrials = 6;                   // maximum number of trials to scale the steps
-constexpr double kNear = 0.25;               // [dB] above the bound that counts as close enough
+constexpr double kNear = 0.25;               // the PSNR may exceed the goal by this [dB]
 constexpr double kMinRest = 0.02;            // minimum of 1 - opacity when computing the importance
-// Encoded in Base64, and together with the viewer, a hundred cameras and the poster, this gives a page of 300
-// KB.
+// Maximum size of the first level. A page up to the end of this level has about 300 KB, with Base64 encoding,
+// the viewer, a hundred cameras and the poster.
 constexpr std::size_t kFirstLevelBytes = 105000;
-// Longest side [pixels] and number of bytes of the poster in a page.
+// Maximum length of the longer side [px] and maximum number of bytes of the poster in a page.
 constexpr int kLongestPoster = 640;
 constexpr std::size_t kPosterBytes = 32000;
 
-// H of each parameter, one vector per group in the layout of the parameters.
+// Sensitivity contains H (steps.hpp) of each parameter, as one vector per group in the layout of the
+// parameters.
 struct Sensitivity {
   std::vector<std::vector<double>> squares;
-  double values = 0;  // number of pixels times channels
+  double values = 0;  // number of pixels times channels, summed over the views
 };
 
+// Estimates H for up to kSensitiveViews of the `views` cameras of the session.
 Sensitivity sensitivity(ModelSession& session, std::size_t views) {
   const DeviceGroups& model = session.model();
-  GroupBuffers gradients(session.device(), model, "gradients of pictures");
+  GroupBuffers gradients(session.device(), model, "gradients of images");
   Sensitivity out;
   out.squares.resize(model.groups().size());
   const std::size_t step = (views + kSensitiveViews - 1) / kSensitiveViews;
@@ -64,7 +66,8 @@ Sensitivity sensitivity(ModelSession& session, std::size_t views) {
   return out;
 }
 
-// Returns the class of each splat, from the effect of all its parameters on the images.
+// Returns the class k of each splat, whose steps are multiplied by 2^k. It depends on the effect of all
+// parameters of the splat on the images.
 std::vector<std::uint8_t> classes_of(const std::vector<double>& squares, std::size_t count,
                                      std::size_t rows) {
   std::vector<double> energy(count, 0.0);
@@ -181,8 +184,8 @@ UbszLevel level_of(const MixedModel& model, const std::vector<UbszSteps>& steps,
   return level;
 }
 
-// Makes the levels. Each level has three times as many splats as all levels before it; the first level fits
-// into kFirstLevelBytes.
+// Divides the model into levels. Each level has three times as many splats as all levels before it. If the
+// first level does not fit into kFirstLevelBytes, splats are moved from it to the second level.
 std::vector<UbszLevel> make_levels(const MixedModel& model, const std::vector<UbszSteps>& steps,
                                    const std::vector<std::size_t>& order, std::size_t all_bytes, int levels) {
   std::vector<UbszLevel> out;
@@ -208,10 +211,11 @@ std::vector<UbszSteps> choose_steps(ModelSession& session, const MixedModel& mod
                                     const std::function<void(const std::string&)>& note) {
   std::size_t rows = 0;
   for (const SplatModel& group : model.groups) rows += static_cast<std::size_t>(group.layout().count);
-  // The estimate is too high or too low by an amount that changes slowly. So the next one is shifted by that
-  // amount or, between two trials, interpolated.
+  // The PSNR that is estimated from H differs from the actual PSNR by an amount that changes slowly. So each
+  // trial shifts the estimate by this amount. If there are trials below and above the goal, it interpolates
+  // between them.
   struct Trial {
-    double estimate = 0, got = 0;  // PSNR [dB]
+    double estimate = 0, got = 0;  // estimated and actual PSNR [dB]
   };
   const double goal = psnr + kNear / 2;
   std::optional<Trial> low, high;  // the nearest trials below and above the goal

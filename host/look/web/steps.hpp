@@ -18,30 +18,33 @@ struct ViewPsnr {
   double mean = 0, worst = 0;  // joint PSNR of pixels clamped to [0, 1], over the views [dB]
 };
 
-// The steps are chosen as follows. The rounding errors of the parameters are assumed to be independent. With
-// steps d, the squared error of the images is then sum H d^2 / 12, where H is the sum of the squared
-// derivatives of all pixels. One backward pass per view, with pixel gradients that are randomly +1 or -1,
-// estimates H of every parameter. Every row of parameters gets an equal share of the error, which is optimal
-// if an entropy coder follows. Splats that affect the images less have steps 2^k times as large. Finally, all
-// steps are scaled until the rendered images of all views reach `psnr` on average.
+// PackedForWeb is a compressed model with its quality.
 struct PackedForWeb {
   std::vector<std::byte> bytes;
   ViewPsnr psnr;
-  // For files with levels: the bytes, the splats and the PSNR of the file up to the end of each level.
+  // Only for files with levels: the size, the number of splats and the PSNR of the file up to the end of a
+  // level.
   struct Level {
     std::size_t bytes = 0, splats = 0;
     ViewPsnr psnr;
   };
   std::vector<Level> levels;
 };
-inline constexpr double kPsnr = 50;  // [dB]
+inline constexpr double kPsnr = 50;  // default of `psnr` [dB]
+// Compresses a model. The quantisation steps are chosen as follows. The rounding errors of the parameters are
+// assumed to be independent. With steps d, the squared error of the images is then the sum of H d^2 / 12 over
+// all parameters. H of a parameter is the sum of the squared derivatives of all pixels with respect to it. It
+// is estimated by one backward pass per view with pixel gradients that are randomly +1 or -1. Every row of
+// parameters gets an equal share of the error, which is optimal if an entropy coder follows. Splats that
+// affect the images less have steps that are 2^k times as large. Finally, all steps are scaled until the
+// rendered images of all views reach `psnr` on average.
 PackedForWeb pack_for_web(
     std::shared_ptr<Device> device, const MixedModel& model, const std::vector<std::string>& comments,
     const std::vector<Camera>& cameras, const TrainSettings& settings, double psnr = kPsnr, int levels = 1,
     const std::function<void(const std::string&)>& note = [](const std::string&) {});
 
-// Renders the still image that a page shows until its first frame, and returns it. poster_uri() makes it
-// small enough for the page.
+// draw_poster() renders the still image that a page shows until its first frame. poster_uri() converts it to
+// a data URI that is small enough for the page.
 Image8 draw_poster(const std::shared_ptr<Device>& device, const MixedModel& model,
                    const TrainSettings& settings, const Camera& camera);
 std::string poster_uri(const Image8& still);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Viewer is one element with a canvas and its controls. The worker slices, projects and sorts the splats.
-// This file has the state, the scheduling of frames, and the input from mouse, touch and keys.
+// This file contains the state, the scheduling of frames, and the input from mouse, touch and keys.
 'use strict';
 
 const CHANNELS = ['colour', 'alpha', 'depth'];
@@ -39,14 +39,14 @@ class Viewer {
     this.canvas = element('canvas', {
       tabindex: 0,
       role: 'img',
-      'aria-label': `${options.title}: interactive picture`,
+      'aria-label': `${options.title}: interactive image`,
       'aria-describedby': 'ubs-keys'
     });
     this.message = element('p', {class: 'message', role: 'alert', hidden: true});
     this.stage = element('div', {class: 'stage'}, this.canvas, this.message);
     if (options.poster)
       this.stage.prepend(
-          element('img', {class: 'poster', src: options.poster, alt: `${options.title}: still picture`}));
+          element('img', {class: 'poster', src: options.poster, alt: `${options.title}: still image`}));
     root.append(this.stage);
     this.ready = new Promise((resolve) => {
       this.opened = resolve;
@@ -118,7 +118,7 @@ class Viewer {
     requestAnimationFrame(() => this.draw());
   }
 
-  // Called after a change that requires a new frame from the worker.
+  // Requests a new frame from the worker. It must be called after each change of the view.
   change() {
     markUnseen(this.stage, this.camera, this.options);
     this.dirty = true;
@@ -251,7 +251,7 @@ class Viewer {
             a = element('a', {href: url, download: `${this.options.title}.png`});
       a.click();
       setTimeout(() => URL.revokeObjectURL(url), 1000);
-      this.panel.say('Picture saved.');
+      this.panel.say('Image saved.');
     });
   }
 
@@ -278,7 +278,7 @@ class Viewer {
   }
 
   // ---- For tests and scripts ----
-  // Resolves when an image of the current state has been rendered.
+  // Returns a promise that resolves when an image of the current state has been rendered.
   settled() {
     if (this.failed) return Promise.resolve();
     this.change();

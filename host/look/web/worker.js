@@ -6,9 +6,9 @@
 'use strict';
 
 const CLASSES = 6, PLACE_BITS = 17;
-const MAX_RATIO = 1032;  // gzip compresses to no less than this part
-const MAX_LEVELS = 8;    // of `ubs web`; each level takes time in proportion to all splats before it
-// Floats of a visible splat: x, y, L00, L01 | L11, opacity, beta, depth | r, g, b, reach.
+const MAX_RATIO = 1032;  // gzip reduces the size of data by at most this factor
+const MAX_LEVELS = 8;    // maximum of `ubs web`; each level takes time in proportion to the splats so far
+// Number of floats of a visible splat: x, y, L00, L01 | L11, opacity, beta, depth | r, g, b, reach.
 const RECORD = 12;
 
 // ---- Container ----
@@ -24,7 +24,7 @@ function crc32(bytes) {
   return (crc ^ 0xffffffff) >>> 0;
 }
 
-// Unpacks `size` bytes. If the data contain more, it stops, so that a hostile file does not fill the memory.
+// Unpacks `size` bytes. If the data contain more, the function stops, so that a hostile file does not fill the memory.
 async function inflate(bytes, size) {
   const reader = new Blob([bytes]).stream().pipeThrough(new DecompressionStream('gzip')).getReader();
   const out = new Uint8Array(size);
@@ -43,7 +43,7 @@ async function inflate(bytes, size) {
   }
 }
 
-// Collects every third bit of the 51 bits of a position; `high` has the bits from 24 on.
+// Returns one coordinate of a position, which is every third of its 51 bits. `low` contains the bits 0 to 23.
 function gather(low, high, axis) {
   let v = 0;
   for (let b = 0; b < PLACE_BITS; ++b) {
@@ -123,7 +123,7 @@ function layoutOf(dim, s) {
   return l;
 }
 
-// The switches and their values, the default first (kVariantSwitches in host/scene/model_variant.hpp).
+// The switches and their values; the first one is the default (kVariantSwitches in host/scene/model_variant.hpp).
 const SWITCHES = {
   rot_mode: 'taylor1|taylor2|cayley|exp|quaternion',
   cov_param: 'spatial_ortho|cholesky|skew_nd',
@@ -138,7 +138,8 @@ const SWITCHES = {
 
 const within = (value, low, high) => Number.isInteger(value) && value >= low && value <= high;
 
-// Returns the switches of a model, given those that are not at their default; undefined if one is unknown.
+// Returns all switches of a model. `given` contains those that are not at their default. Returns undefined if
+// one of them is unknown.
 function readSwitches(given) {
   const switches =
       Object.fromEntries(Object.entries(SWITCHES).map(([key, words]) => [key, words.split('|')[0]]));
@@ -161,7 +162,7 @@ function validGroup(group, switches) {
           (row) => within(row.bytes, 1, 4) && Number.isFinite(row.centre) && Number.isFinite(row.step));
 }
 
-// The PSNR is null if it is infinite. A file without levels has none.
+// The PSNR of a level is null if it is infinite or unknown.
 function validLevel(level, switches) {
   return within(level.bytes, 0, Number.MAX_SAFE_INTEGER) &&
       (level.psnr === null || Number.isFinite(level.psnr)) &&
@@ -172,7 +173,7 @@ function validLevel(level, switches) {
 // first level. Throws an error for headers that `ubs` does not write.
 function readHeader(bytes) {
   const view = new DataView(bytes.buffer, bytes.byteOffset, bytes.byteLength);
-  if (bytes.length < 16 || view.getUint32(0) !== 0x5542535a) throw new Error('no UBSZ file');
+  if (bytes.length < 16 || view.getUint32(0) !== 0x5542535a) throw new Error('this is not a UBSZ file');
   const version = view.getUint32(4, true);
   if (version !== 1 && version !== 2) throw new Error(`UBSZ version ${version} is not known`);
   const size = view.getUint32(8, true);
@@ -187,7 +188,7 @@ function readHeader(bytes) {
     if (switches && within(levels.length, 1, MAX_LEVELS) &&
         levels.every((level) => validLevel(level, switches)))
       return {switches, levels, begin};
-  } catch {  // it is no JSON, or a member is missing or has another type
+  } catch {  // the header is not JSON, or a member is missing or has the wrong type
   }
   throw new Error('the header of the model is not valid');
 }
@@ -222,7 +223,7 @@ const softplus = (x) => Math.max(x, 0) + Math.log1p(Math.exp(-Math.abs(x)));
 const sigmoid = (x) => 1 / (1 + Math.exp(-x));
 const triangle = (i, j) => i * (i - 1) / 2 + j;
 
-// Returns R of sections 2.1 and 8, row-major.
+// Returns the rotation R of sections 2.1 and 8 in row-major order.
 function rotationMatrix(mode, a) {
   if (mode === 'quaternion') {
     const length = Math.max(Math.hypot(a[0], a[1], a[2], a[3]), 1e-12);
@@ -337,9 +338,9 @@ function directColumn(B, j, weight, scale) {
   return G;
 }
 
-// Prepares a group for slicing. `fixed` has `stride` floats per splat: position 3, opacity, beta, mean C,
-// exponents C, G 3C, inverse of Lh C(C+1)/2 (with direct conditioning, L by columns), colour. `covariance` is
-// V (section 2.3), which is the same for every query.
+// Prepares a group for slicing. `fixed` has `stride` floats per splat: position (3), opacity, beta, query mean (C),
+// exponents (C), G (3C), inverse of Lh (C(C+1)/2; with direct conditioning, L by columns), colour and lobes.
+// `covariance` is V (section 2.3), which is the same for every query.
 function prepare(group, s) {
   const l = group.layout, C = l.C, N = l.dim, n = group.count, colours = 3 * Math.max(l.harmonics, 1);
   const at = {mean: 5};
@@ -371,7 +372,7 @@ function prepare(group, s) {
         fixed[to + at.colour + c * l.harmonics + k] = e[l.rgb + (k ? 3 + c * (l.harmonics - 1) + k - 1 : c)];
     if (!l.harmonics)
       for (let c = 0; c < 3; ++c) fixed[to + at.colour + c] = e[l.rgb + c];
-    for (let k = 0; k < l.lobes; ++k) {  // axis, exponent, colour
+    for (let k = 0; k < l.lobes; ++k) {  // a lobe has an axis, an exponent and a colour
       const [red, green, blue, theta, phi, beta] =
           [0, 1, 2, 3, 4, 5].map((f) => e[l.rgb + 3 + f * l.lobes + k]);
       const soft = (v) => softplus(10 * Math.LN2 * v) / (10 * Math.LN2), st = Math.sin(theta);
@@ -399,7 +400,7 @@ function prepare(group, s) {
         for (let i2 = j; i2 < C; ++i2) fixed[entry++] = B[i2][3 + j];
       }
       for (let j = 0; j < C && !direct; ++j) {
-        // Column j of U^T Lh^-1 diag(w), or of U^T diag(w) Lh^-1, and its contribution to K.
+        // Compute column j of U^T Lh^-1 diag(w) or, if whitened, of U^T diag(w) Lh^-1, and its contribution to K.
         column.fill(0);
         for (let i2 = j; i2 < C; ++i2) {
           const times = inverse[i2][j] * weight[whiten ? i2 : j];
@@ -431,12 +432,12 @@ function prepare(group, s) {
 }
 
 // ---- Selection by betas ----
-// Returns the quantile of each splat in the order of its beta, like host/api/decompose.hpp; null if the model
-// has no such beta.
+// Returns for each splat the quantile of its beta, as in host/api/decompose.hpp. Returns null if the model has no
+// such beta.
 function quantiles(model, kind) {
   const {groups, switches: s} = model;
   const angular = (dim) => dim >= 6, temporal = (dim) => dim === 4 || dim === 5 || dim >= 7;
-  // In this case the rows of betas contain weights.
+  // If `learnt` is true, the rows of query betas contain weights.
   const learnt = s.conditioning === 'direct' && s.beta_opacity !== 'tanh';
   const has = (l) =>
       (kind === 'spatial' ? s.kernel === 'beta' :
@@ -467,7 +468,7 @@ function quantiles(model, kind) {
 }
 
 // ---- A frame ----
-// ln(1 - tanh u) by linear interpolation; the error is at most 1.3e-7.
+// A table of ln(1 - tanh u) for linear interpolation, whose error is at most 1.3e-7.
 const LN_STEP = 1 / 1024, LN_END = 8.4;
 const LN = Float64Array.from({length: LN_END / LN_STEP + 2},
     (_, i) => Math.LN2 - 2 * i * LN_STEP - Math.log1p(Math.exp(-2 * i * LN_STEP)));
@@ -492,7 +493,7 @@ function harmonic(f, at, count, x, y, z) {
   return Math.max(0, v);
 }
 
-const LEAST_OPACITY = 1e-5;  // a hundred of them in a row change a pixel by a quarter of 1/255
+const LEAST_OPACITY = 1e-5;  // a hundred splats with this opacity change a pixel by a quarter of 1/255
 
 // Computes the records of the visible splats, in the order of the model, and their depths. Returns their
 // number.
@@ -503,7 +504,7 @@ function project(model, camera, chosen, records, depths) {
   const marginX = 0.15 * width / fx, marginY = 0.15 * height / fy;
   const right = (width - cx) / fx + marginX, left = -cx / fx - marginX;
   const bottom = (height - cy) / fy + marginY, top = -cy / fy - marginY;
-  const gaussian = s.kernel === 'gaussian', support = gaussian ? 3.33 ** 2 : 1;  // UBS_SUPPORT
+  const gaussian = s.kernel === 'gaussian', support = gaussian ? 3.33 ** 2 : 1;  // as UBS_SUPPORT in kernels/
   const leastAlpha = gaussian ? Math.max(1 / 255, alphaMin) : alphaMin;
   const direct = s.conditioning === 'direct', tanh = s.beta_opacity === 'tanh', antialias = s.antialias === 'on';
   const x = new Float64Array(8);
@@ -717,7 +718,7 @@ function frame(data) {
   const out = data.buffer && data.buffer.byteLength >= 4 * drawn * RECORD ?
       new Float32Array(data.buffer) :
       new Float32Array(Math.max(1, Math.min(state.n, Math.ceil(1.3 * drawn))) * RECORD);
-  for (let i = 0, o = 0; i < drawn; ++i) {  // farthest first
+  for (let i = 0, o = 0; i < drawn; ++i) {  // write the farthest splat first
     const from = order[drawn - 1 - i] * RECORD;
     for (let k = 0; k < RECORD; ++k) out[o++] = records[from + k];
   }

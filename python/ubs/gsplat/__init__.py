@@ -1,13 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The functions of gsplat 1.5 (https://github.com/nerfstudio-project/gsplat) on every device of ubs, with the same names,
-arguments and results. Scripts for gsplat can run on machines without CUDA. docs/gsplat.md lists what is supported.
+"""Provides functions of gsplat 1.5 (https://github.com/nerfstudio-project/gsplat) on every device of ubs, with the same
+names, arguments and results. So scripts for gsplat can run on machines without CUDA. docs/gsplat.md lists the supported
+functions and arguments.
 
     from ubs.gsplat import rasterization
     images, alphas, meta = rasterization(means, quats, scales, opacities, colors, viewmats, Ks, width, height)
 
 Other names of gsplat can be imported, but calling them raises a UsageError that states what to use instead (absent.py).
 
-Requires PyTorch, but not gsplat. Thread-safe."""
+The module requires PyTorch, but not gsplat. Several threads may call its functions at the same time."""
 
 from typing import Any
 

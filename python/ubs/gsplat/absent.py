@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Names of gsplat 1.5 and 1.6 that ubs.gsplat does not have. Scripts can import them, because many scripts import more
-than they use. A call raises a UsageError that states what to use instead."""
+"""Lists the names of gsplat 1.5 and 1.6 that ubs.gsplat does not implement. Scripts can import them, because many
+scripts import more names than they use. Calling one of them raises a UsageError that states what to use instead."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ _SURFELS = """rasterization_2dgs rasterization_2dgs_inria_wrapper fully_fused_pr
 _RAYS = """fully_fused_projection_with_ut rasterize_to_pixels_eval3d ExternalDistortionModelMeta
     ExternalDistortionModelParameters"""
 
-# Names, and what to use instead.
+# Groups of names. The second text of each group states what to use instead of these names.
 _GROUPS = (
     (_SURFELS, "2D Gaussian Splatting is not supported: use rasterization(), or gsplat on CUDA"),
-    ("rasterization_inria_wrapper", "use rasterization(), which has the same formulas"),
+    ("rasterization_inria_wrapper", "use rasterization(), which computes the same formulas"),
     (_LISTS, "lists of tiles stay on the device: use rasterization(), or ubs.torch.rasterize() for projected Gaussians"),
     (_RAYS, "lens distortion is not supported: undistort the images first, or use gsplat on CUDA"),
     (_LIDAR, "lidar is not supported: use gsplat on CUDA"),
@@ -37,7 +37,7 @@ _GROUPS = (
     ("export_splats PngCompression", "put the values into a ubs.Model, and use Model.save() with the extension of a format"),
     (_LOSSES, "write the loss in PyTorch"),
     ("color_correct_affine color_correct_quadratic", "write the correction in PyTorch"),
-    ("RenderMode RasterizeMode CameraModel", "pass the text, such as render_mode='RGB+D'"),
+    ("RenderMode RasterizeMode CameraModel", "pass a string, such as render_mode='RGB+D'"),
     (
         "RendererConfig RendererConfig_MixedBatch RendererConfig_ParallelBatch",
         "remove it: it only configures how gsplat divides its work",
@@ -47,7 +47,8 @@ INSTEAD = {name: instead for names, instead in _GROUPS for name in names.split()
 
 
 def refusing(module: str, name: str) -> Callable[..., NoReturn]:
-    """Returns a function that raises UsageError. Raises AttributeError if gsplat has no such name either."""
+    """Returns a function that raises UsageError when it is called. Raises AttributeError if `name` is not one of the
+    listed names of gsplat."""
     if name not in INSTEAD:
         raise AttributeError(f"module {module!r} has no attribute {name!r}")
 

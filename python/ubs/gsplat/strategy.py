@@ -2,9 +2,9 @@
 """Strategies decide during training where Gaussians are added and removed. The names are those of gsplat 1.5.
 
 The parameters are a dictionary of torch.nn.Parameter: "means" (N, 3), "scales" (N, 3) as logarithms, "quats" (N, 4),
-"opacities" (N,) before the sigmoid, and others (N, ...) of any name. Each trained parameter needs its own
-optimiser. A strategy replaces the parameters in these dictionaries, and keeps the optimiser states of the Gaussians
-that remain."""
+"opacities" (N,) before the sigmoid, and further parameters (N, ...) with any names. Each trained parameter needs its
+own optimiser. A strategy replaces the parameters in the dictionary and in the optimisers, and keeps the optimiser
+states of the Gaussians that remain."""
 
 from __future__ import annotations
 
@@ -54,8 +54,8 @@ def _replace(
     params: Parameters, optimizers: Optimizers, state: Dict[str, Any], kept: Tensor, copied: Tensor,
     changed: Dict[str, Tensor],
 ) -> None:
-    """Keeps the Gaussians with the indices `kept`, and appends copies of those in `copied` with the values of
-    `changed`. The optimiser states of the copies are 0."""
+    """Keeps the Gaussians with the indices `kept`, and appends copies of the Gaussians with the indices `copied`. The
+    copies get the values in `changed` for the parameters that it contains. Their optimiser states are 0."""
     with torch.no_grad():
         for name in list(params):
             old = params[name]
@@ -92,7 +92,8 @@ def _all(params: Parameters) -> Tensor:
 
 
 def _rotated(params: Parameters, indices: Tensor, vectors: Tensor, times: int) -> Tensor:
-    """Returns A v, or A A^T v with times = 2, for vectors v (n, 3), where A is rotation times scales."""
+    """Returns A v for times = 1, and A A^T v for times = 2. v are the vectors (n, 3), one for each of the Gaussians
+    `indices`, and A is the rotation matrix of the Gaussian times its scales."""
     axes = _axes(params["quats"][indices][None], torch.exp(params["scales"][indices])[None])[:, :, 0]
     if times == 2:
         vectors = torch.einsum("kjn,nk->nj", axes, vectors)
@@ -102,7 +103,7 @@ def _rotated(params: Parameters, indices: Tensor, vectors: Tensor, times: int) -
 @dataclass
 class DefaultStrategy(Strategy):
     """The strategy published with 3D Gaussian Splatting (Kerbl et al. 2023). Gaussians whose centre in the image has a
-    large gradient are copied if they are small, and split into two if they are large. Nearly transparent ones are
+    large gradient are copied if they are small, and split into two if they are large. Nearly transparent Gaussians are
     removed."""
 
     prune_opa: float = 0.005
@@ -110,15 +111,18 @@ class DefaultStrategy(Strategy):
     grow_grad2d: float = 0.0002
     """Mean gradient of the centre, in units of half the image size, above which a Gaussian is copied or split."""
     grow_scale3d: float = 0.01
-    """Size, relative to the scene, up to which a Gaussian is copied."""
+    """Largest scale of a Gaussian, relative to scene_scale, up to which it is copied. Larger Gaussians are split."""
     grow_scale2d: float = 0.05
-    """Radius, relative to the image, above which a Gaussian is split; see refine_scale2d_stop_iter."""
+    """Radius in the image, relative to the larger side of the image, above which a Gaussian is split until the step
+    refine_scale2d_stop_iter."""
     prune_scale3d: float = 0.1
-    """Size, relative to the scene, above which a Gaussian is removed after opacities have been reset."""
+    """Largest scale of a Gaussian, relative to scene_scale, above which it is removed. This applies after the first
+    reset of opacities."""
     prune_scale2d: float = 0.15
-    """Radius, relative to the image, above which a Gaussian is removed; see refine_scale2d_stop_iter."""
+    """Radius in the image, relative to the larger side of the image, above which a Gaussian is removed. This applies
+    after the first reset of opacities, until the step refine_scale2d_stop_iter."""
     refine_scale2d_stop_iter: int = 0
-    """Step until which radii in the image are considered; 0: never."""
+    """Step until which radii in the image are considered. With 0, they are never considered."""
     refine_start_iter: int = 500
     refine_stop_iter: int = 15_000
     reset_every: int = 3000
@@ -127,11 +131,11 @@ class DefaultStrategy(Strategy):
     pause_refine_after_reset: int = 0
     """Number of steps without refinement after each reset."""
     absgrad: bool = False
-    """Use the sums of absolute gradients, which are larger, so grow_grad2d should be higher, such as 0.0008. Requires
-    rasterization(..., absgrad=True)."""
+    """Whether to use the sums of absolute gradients. These are larger, so grow_grad2d should be higher, such as 0.0008.
+    Requires rasterization(..., absgrad=True)."""
     revised_opacity: bool = False
-    """Choose the opacities of the two parts of a split Gaussian so that together they are as opaque as before (Rota
-    Bulo et al. 2024)."""
+    """Whether the two parts of a split Gaussian get lower opacities, with which they are together as opaque as the
+    Gaussian was (Rota Bulo et al. 2024)."""
     verbose: bool = False
     key_for_gradient: str = "means2d"
 
@@ -238,8 +242,9 @@ class DefaultStrategy(Strategy):
 
 
 def relocated(opacities: Tensor, scales: Tensor, copies: Tensor) -> tuple[Tensor, Tensor]:
-    """Returns the opacities (n,) and scales (n, 3) with which `copies` (n,) Gaussians at one position look like a
-    single one did before (Kheradmand et al. 2024, equation 9)."""
+    """Computes new opacities (n,) and scales (n, 3) for Gaussians that are replaced by several copies at the same
+    position. With them, the `copies` (n,) Gaussians together look like the single Gaussian before (Kheradmand et al.
+    2024, equation 9)."""
     number = copies.clamp(1, MOST_COPIES).double()
     before = opacities.double()
     after = 1 - (1 - before) ** (1 / number)
@@ -253,9 +258,10 @@ def relocated(opacities: Tensor, scales: Tensor, copies: Tensor) -> tuple[Tensor
 
 @dataclass
 class MCMCStrategy(Strategy):
-    """3D Gaussian Splatting as Markov Chain Monte Carlo (Kheradmand et al. 2024). Nearly transparent Gaussians are
-    moved to the positions of others, which are chosen by opacity. New Gaussians are added in the same way. Noise moves
-    the Gaussians that are not opaque."""
+    """The strategy of "3D Gaussian Splatting as Markov Chain Monte Carlo" (Kheradmand et al. 2024). Nearly transparent
+    Gaussians are moved to the positions of other Gaussians. These are chosen at random, with probabilities that are
+    proportional to their opacities. New Gaussians are added at positions that are chosen in the same way. Noise is
+    added to the positions of Gaussians with a low opacity."""
 
     cap_max: int = 1_000_000
     """Maximum number of Gaussians."""
@@ -264,7 +270,7 @@ class MCMCStrategy(Strategy):
     refine_start_iter: int = 500
     refine_stop_iter: int = 25_000
     noise_injection_stop_iter: int = -1
-    """First step without noise; -1: noise is added in all steps."""
+    """First step without noise. With -1, noise is added in all steps."""
     refine_every: int = 100
     min_opacity: float = 0.005
     """Gaussians with at most this opacity are moved to the positions of others."""
@@ -272,7 +278,8 @@ class MCMCStrategy(Strategy):
     noise_opacity_t: float = 0.005
     """Opacity at which the noise has half of its strength."""
     noise_opacity_k: float = 100.0
-    """How fast the noise decreases with the opacity: it is multiplied by sigmoid(k (t - opacity))."""
+    """How fast the noise decreases with the opacity. The noise of a Gaussian is multiplied by
+    sigmoid(noise_opacity_k * (noise_opacity_t - opacity))."""
 
     def initialize_state(self) -> Dict[str, Any]:
         """Returns the state for step_post_backward(), which is empty here."""
@@ -316,8 +323,9 @@ class MCMCStrategy(Strategy):
         return len(dead)
 
     def _share(self, params: Parameters, optimizers: Optimizers, among: Tensor, number: int) -> Tensor:
-        """Chooses Gaussians by opacity. Sets their opacities and scales so that each of them looks as before together
-        with its copies, which the caller makes."""
+        """Chooses `number` of the Gaussians `among` at random, with probabilities proportional to their opacities, and
+        returns their indices. The caller copies the chosen Gaussians. This function changes their opacities and scales,
+        so that each of them and its copies together look like the Gaussian before."""
         opacities = torch.sigmoid(params["opacities"])
         sums = opacities.flatten()[among].double().cumsum(0)
         at = torch.rand(number, dtype=torch.float64, device=sums.device) * sums[-1]

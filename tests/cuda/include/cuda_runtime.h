@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// CUDA on the host: the part of the CUDA language and runtime that cuda_backend/ uses, so that its .cu and
-// .cpp files can be compiled unchanged with a C++ compiler and run without a GPU. Every thread of a block is
-// a fibre; barriers and warp operations switch between them (tests/cuda/fibres.cpp). Device memory starts as
-// NaN bytes and is fenced; a write beyond it, or a barrier that not all threads reach, ends the program with
-// a message. For tests only.
+// Implements the parts of the CUDA language and runtime that cuda_backend/ uses, so that its .cu and .cpp
+// files can be compiled unchanged with a C++ compiler and run without a GPU. Only used by tests. Every thread
+// of a block is a fibre; barriers and warp operations switch between fibres (tests/cuda/fibres.cpp). New
+// device memory is filled with NaN. A write outside of a buffer, or a barrier that not all threads reach,
+// ends the program with a message.
 #pragma once
 
 #include <math.h>
@@ -61,11 +61,13 @@ const uint3& thread_position();
 void barrier();
 // Passes `value` to the warp and returns the value that lane `source` passed. All 32 lanes must take part.
 std::uint32_t exchange(std::uint32_t value, unsigned mask, unsigned source);
+// Returns the lane of the thread in its warp.
 unsigned lane();
+// Returns a word in which bit i is the value that lane i passed. All 32 lanes must take part.
 unsigned ballot(unsigned mask, bool value);
 
-// The approximate instructions, with the largest errors that PTX allows: a relative error of 2^-22, an
-// absolute error of 2^-22 for log2 between 1/2 and 2, and a relative error of 2^-23 for the reciprocal.
+// The approximate instructions, with the largest errors that PTX allows. The relative error is 2^-22 for exp2
+// and log2, and 2^-23 for the reciprocal. For log2 of numbers between 1/2 and 2, the absolute error is 2^-22.
 // Denormal results are 0.
 float exp2_approx(float y);
 float log2_approx(float x);
@@ -163,8 +165,8 @@ struct CUstream_st {
 };
 struct CUevent_st {
   std::chrono::steady_clock::time_point time;
-  CUstream_st* stream = nullptr;  // on which the event was recorded, after `behind` calls
-  std::size_t behind = 0;
+  CUstream_st* stream = nullptr;  // the stream on which the event was recorded
+  std::size_t behind = 0;         // number of calls of the stream before the event
 };
 using cudaStream_t = CUstream_st*;
 using cudaEvent_t = CUevent_st*;
@@ -177,18 +179,19 @@ struct cudaDeviceProp {
 
 namespace cuda_on_host {
 
-// Selects the streams that run their work as late as CUDA allows, which is when the host or a running stream
-// waits for it. Other streams run their work immediately. By default no stream is late; with
-// UBS_CUDA_ON_HOST_STREAMS=late all are.
+// Returns whether a stream is late. A late stream runs its work as late as CUDA allows, that is, when the
+// host or another stream waits for this work. Other streams run their work immediately. By default no stream
+// is late. With UBS_CUDA_ON_HOST_STREAMS=late all streams are.
 extern std::function<bool(cudaStream_t)> is_late;
+// Runs the work of a stream until `calls` of its calls have run.
 void run_until(cudaStream_t stream, std::size_t calls);
-// Runs the call, or stores it for later.
+// Runs the call immediately, or stores it if the stream is late.
 cudaError_t enqueue(cudaStream_t stream, std::function<void()> run);
-// For tests: the properties that the runtime reports for the driver and its only card.
+// The properties that the runtime reports for the driver and its only GPU. Tests change them.
 struct Card {
   int driver = 0, runtime = 0, capability = 90;
   cudaError_t count = cudaSuccess, properties = cudaSuccess,
-              code = cudaSuccess;  // the result of querying them
+              code = cudaSuccess;  // the results of the calls that query the GPU
   std::size_t used = 0;            // memory that other programs use
 };
 extern Card card;
@@ -242,7 +245,7 @@ cudaError_t cudaMemcpyAsync(void* to, const void* from, std::size_t bytes, cudaM
                             cudaStream_t stream);
 cudaError_t cudaMemsetAsync(void* to, int value, std::size_t bytes, cudaStream_t stream);
 
-// A launch uses the values that the arguments have at the time of the call.
+// Returns a call of the kernel with the values that the arguments have now.
 template <typename... Parameters>
 std::function<void()> ubs_bind(void (*kernel)(Parameters...), void** arguments) {
   return [&]<std::size_t... i>(std::index_sequence<i...>) {
