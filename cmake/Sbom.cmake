@@ -3,7 +3,7 @@
 set(UBS_SBOM ${PROJECT_BINARY_DIR}/ubs.spdx.json)
 set(sbom_packages "")
 set(sbom_relations "")
-# Arguments: name, version, and licence of the library's own release.
+# Arguments: the name and the version of the library, and the licence under which its authors publish it.
 function(ubs_sbom name version licence)
   if(NOT version)
     set(version NOASSERTION)

@@ -71,7 +71,7 @@ def ssim(a: Tensor, b: Tensor) -> Tensor:
 
 
 class Anything:
-    """Replaces classes that are imported but not needed: those of the viewer, and those that only measure CUDA."""
+    """Replaces classes that are imported but not needed: those of the viewer, and those that only measure times on CUDA."""
 
     def __init__(self, *_: Any, **__: Any) -> None:
         pass

@@ -17,7 +17,8 @@ from scikit_build_core.build import *  # noqa: F403  the other hooks of PEP 517 
 
 @contextlib.contextmanager
 def _progress() -> Iterator[None]:
-    """Forwards the standard output, and shows Ninja's progress, such as "[12/68]", on the terminal if there is one."""
+    """Forwards the standard output. If there is a terminal, also shows Ninja's progress there: for a line that starts
+    with "[12/68]", it shows "ubs: step 12 of 68"."""
     try:
         terminal = open("/dev/tty", "w")
     except OSError:

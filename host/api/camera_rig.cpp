@@ -17,15 +17,17 @@ namespace {
 // axes meet at 1.1 times the median depth of its points. The determinant is 0.26 to 0.29 for photographs
 // taken around an object or in a room (lego of NeRF Synthetic, bonsai of Mip-NeRF 360, cup of COLMAP).
 constexpr double kJustConverging = 0.002;
-// Half the side of the cube that all cameras see, relative to half the width of the image at the depth of the
-// meeting point. With this value, half the side is 1.31 for NeRF Synthetic; the published box has 1.3.
+// Half the side of the cube that all cameras see, relative to half the size of the image (the geometric mean
+// of width and height) at the depth of the meeting point. With this value, half the side is 1.31 for NeRF
+// Synthetic; the published box has 1.3.
 constexpr double kFilled = 0.9;
 // Smallest and largest depth, relative to the depth of the meeting point. For comparison, the central 96 % of
 // the points have relative depths of 0.5 to 1.6 in cup, 0.8 to 4.0 in bonsai and 0.6 to 2.1 in fern.
 constexpr double kNearer = 0.5, kFarther = 4;
 // Without a meeting point, the only known length is the spread of the cameras (spread_of), so the range of
 // depths is given in multiples of the spread. The multiples are larger for parallel cameras, which are close
-// together compared with the distance of the scene (in fern, the depths are 3.8 to 13 times the spread).
+// together compared with the distance of the scene (the cameras of fern are nearly parallel: its
+// depths are 3.8 to 13 times the spread).
 // Cameras that are not parallel move through the scene, so parts of the scene can be closer than the spread.
 // Cameras count as parallel if the mean of their unit view directions is longer than kParallel.
 constexpr double kParallel = 0.95;
@@ -49,10 +51,11 @@ double spread_of(std::span<const Camera> cameras) {
 }
 
 InitialSpace between(double near, double far, std::string why) {
-  return {.near = near,
-          .far = far,
-          .depth = std::sqrt(near * far),
-          .text = fmt::format("where the cameras see depths from {:.3g} to {:.3g}: {}", near, far, why)};
+  return {
+      .near = near,
+      .far = far,
+      .depth = std::sqrt(near * far),
+      .text = fmt::format("where the cameras see depths from {:.3g} to {:.3g}, because {}", near, far, why)};
 }
 
 }  // namespace
@@ -79,12 +82,13 @@ InitialSpace initial_space(std::span<const Camera> cameras, bool nothing_behind)
   if (!(depth > kMinDepth * spread)) {
     const Vec3 forward = mean_of(cameras, view_direction);
     return length(forward) > kParallel
-               ? between(kParallelNear * spread, kParallelFar * spread, "they look in the same direction")
-               : between(kWalkNear * spread, kWalkFar * spread, "they look outwards");
+               ? between(kParallelNear * spread, kParallelFar * spread,
+                         "the cameras look in the same direction")
+               : between(kWalkNear * spread, kWalkFar * spread, "the cameras look outwards");
   }
   if (!nothing_behind || !meeting_point(cameras)) {
-    InitialSpace space =
-        between(kNearer * depth, kFarther * depth, fmt::format("their axes meet at {:.3g}", depth));
+    InitialSpace space = between(kNearer * depth, kFarther * depth,
+                                 fmt::format("the axes of the cameras meet at {:.3g}", depth));
     space.depth = depth;
     return space;
   }

@@ -45,8 +45,8 @@ class Reducer {
   Reducer(MixedModel&&, const std::vector<Camera>&, const Contributions&, double, double) = delete;
 
   // Returns the reduced model. If `bound` is 0, only splats and dimensions that have no effect on the views
-  // are removed. Otherwise splats whose largest weight is at most `bound` are removed too, and dimensions
-  // whose removal changes no weight by more than `bound`. This change is an estimate
+  // are removed. Otherwise two more things are removed: splats whose largest weight is at most `bound`, and
+  // dimensions whose removal changes no weight by more than `bound`. The change of the weights is an estimate
   // (DimensionEffect::change).
   Reduced reduce(double bound, const ReduceChoice& choice = {}) const;
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Verdicts stores the results of device checks in the folder of the compiled kernels (kernel_cache_folder()).
-// Each combination of device and driver has a file with the verdicts of the builds that have stored a verdict
-// most recently. A file that cannot be read is treated as empty.
+// Each combination of device and driver has a file with the verdicts of a limited number of builds. The
+// builds that stored a verdict most recently are kept. A file that cannot be read is treated as empty.
 #pragma once
 
 #include <optional>
@@ -28,8 +28,8 @@ class Verdicts {
   const std::vector<Verdict>& all() const { return verdicts_; }
   // Returns a stored verdict for this form that covers at least these parts, if there is one.
   std::optional<Verdict> find(const std::string& form, const Parts& parts) const;
-  // Stores a verdict. Removes older verdicts for the same form that cover no other parts. If the file cannot
-  // be written, the error is ignored.
+  // Stores a verdict. Removes older verdicts for the same form if the new verdict covers all of their parts.
+  // If the file cannot be written, the error is ignored.
   void keep(Verdict verdict);
   void forget();  // removes all verdicts for this device and build
 

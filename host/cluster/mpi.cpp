@@ -87,7 +87,7 @@ class MpiRanks final : public Communicator {
       check_mpi(MPI_Ialltoall(out_.data(), 1, MPI_UINT64_T, in_.data(), 1, MPI_UINT64_T, MPI_COMM_WORLD,
                               &sizes_.emplace_back()),
                 "MPI_Ialltoall");
-      for (int step = 1; step < ranks.size_; ++step) {  // each rank starts with another receiver
+      for (int step = 1; step < ranks.size_; ++step) {  // each rank starts with a different receiver
         const int r = (ranks.rank_ + step) % ranks.size_;
         const std::span<const std::byte> from = pieces[static_cast<std::size_t>(r)];
         ranks.for_parts(from.size(), [&](std::size_t at, int count) {
@@ -148,8 +148,9 @@ class MpiRanks final : public Communicator {
       const double waited = watch.seconds();
       if (waited > limits_.patience)
         fail(ErrorKind::device,
-             "no answer from the other ranks for {:.0f} s: one of them has crashed or hangs "
-             "(UBS_RANK_PATIENCE); resume from the last checkpoint with 'ubs train --resume'",
+             "no answer from the other ranks for {:.0f} s (UBS_RANK_PATIENCE sets this limit): one of them "
+             "has "
+             "crashed or hangs; resume from the last checkpoint with 'ubs train --resume'",
              waited);
       if (waited > kBusy)
         std::this_thread::sleep_for(std::chrono::duration<double>(std::clamp(waited / 64, 20e-6, 1e-3)));

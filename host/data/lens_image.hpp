@@ -30,7 +30,7 @@ WideLens wide_lens(const std::string& text, int width, int height);
 
 class LensImage {
  public:
-  // Throws Error(usage) if the image has too many pixels for its angle, and Error(memory) if there is not
+  // Throws Error(usage) if the image has too many pixels per degree, and Error(memory) if there is not
   // enough memory for the faces. Messages start with `where`.
   LensImage(const WideLens& lens, const std::string& where);
 
@@ -39,8 +39,9 @@ class LensImage {
   void check_complete() const;
 
   std::size_t face_count() const { return plans_.size(); }
-  // Returns the pinhole cameras whose images compose() needs, in the same order. They have the pose and the
-  // query values of `camera`, and about twice the resolution of the image.
+  // Returns the pinhole cameras of the faces, in the order in which compose() expects their images. They are
+  // at the position of `camera` and have its time and further query values. Each of them looks along the axis
+  // of one face. Their resolution is about twice that of the image.
   std::vector<Camera> faces(const Camera& camera) const;
   // Returns the image that is composed of the renders of the faces. Each pixel is the mean of four samples,
   // which are interpolated in the faces. The depth is the distance from the camera along the ray. Pixels that

@@ -245,8 +245,8 @@ void read_ascii_rows(std::ifstream& stream, const PlyHeader& header,
   while (found <= promised && std::getline(stream, line))
     found += line.find_first_not_of(" \t\r") != std::string::npos;
   if (found != promised)
-    fail(ErrorKind::data, "{}: {} rows follow the vertices, but the header announces {}", name,
-         found > promised ? "more" : fmt::format("{}", found), promised);
+    fail(ErrorKind::data, "{}: {} {} rows follow the vertices, but the header announces {}", name,
+         found > promised ? "at least" : "only", found, promised);
 }
 
 template <typename Real>

@@ -25,8 +25,8 @@ void put_chunk(std::vector<std::byte>& to, const char (&name)[5], const std::vec
   put32(to, crc32(std::span(to).subspan(checked)));
 }
 
-// Encodes rows with PNG filter 1 (Sub): each row starts with the byte 1 and stores differences to the pixel
-// on its left. Samples are big-endian.
+// Encodes rows with PNG filter 1 (Sub): each row starts with the byte 1, followed by the difference of each
+// pixel from the pixel on its left. Samples are big-endian.
 std::vector<std::byte> png_rows(const PngForm& form, const void* samples) {
   const auto bytes = static_cast<std::size_t>(form.bytes), height = static_cast<std::size_t>(form.height);
   const std::size_t pixel = bytes * static_cast<std::size_t>(form.channels);
@@ -47,7 +47,7 @@ std::vector<std::byte> png_rows(const PngForm& form, const void* samples) {
 }  // namespace
 
 std::vector<std::byte> encode_png(const PngForm& form, const void* samples) {
-  // Colour types of PNG, indexed by the number of channels: 1 for grey, 3 for RGB, 4 for RGBA.
+  // Colour types of PNG, indexed by the number of channels (1: grey, 3: RGB, 4: RGBA).
   constexpr int kColourTypes[] = {0, 0, 0, 2, 6};
   std::vector<std::byte> header;
   put32(header, static_cast<std::uint32_t>(form.width));

@@ -10,8 +10,8 @@
 
 namespace ubs::stage_sizes {
 
-// On CPUs, scans and sorts process their elements in chunks. Smaller chunks would take less time to process
-// than to launch: on 2 cores with PoCL, a launch takes 1.5 us, and summing takes 1 ns per element.
+// On CPUs, scans and sorts process their elements in chunks. Much smaller chunks would take less time to
+// process than to launch: on 2 cores with PoCL, a launch takes 1.5 us, and summing takes 1 ns per element.
 inline constexpr std::uint64_t kSmallestChunk = 4096;
 inline constexpr std::uint64_t kChunksPerCore = 4;  // several, so that idle cores can process more of them
 inline constexpr std::uint64_t kMaxChunks = 256;
@@ -35,9 +35,9 @@ inline constexpr std::uint64_t kLossTileRows = 16;  // kernels/gpu/loss.cl
 // comments in host/opencl/image_loss.cpp explain this number.
 inline constexpr std::uint64_t kSmallImage = std::uint64_t{1} << 16;
 
-// GPUs process lists in segments (kernels/gpu/list_segments.h). The numbers of segments are below
-// list_segments(), and some of these numbers have no segment. list_state_floats() returns the number of
-// floats for the states of the pixels in front of each segment.
+// GPUs process lists in segments (kernels/gpu/list_segments.h). Each segment has a number, which is
+// below list_segments(); some numbers are not used. list_state_floats() returns the number of floats for the
+// states that the pixels of a tile have before each of its segments.
 constexpr std::uint64_t list_segments(std::uint64_t tiles, std::uint64_t intersections) {
   return tiles + intersections / kListSegment;
 }

@@ -39,7 +39,8 @@ OpenclMemory::OpenclMemory(OpenclDevice& device, std::string label, std::size_t 
          this->label(), bytes >> 20, info.name, info.max_allocation_bytes >> 20);
   if (device.allocated_bytes() + bytes > info.memory_bytes)
     fail(ErrorKind::memory,
-         "buffer '{}' needs {} MiB in addition to the {} of {} MiB in use on {}; use fewer splats or smaller "
+         "buffer '{}' needs {} MiB, but {} of the {} MiB of {} are already in use: use fewer splats or "
+         "smaller "
          "images{}",
          this->label(), bytes >> 20, device.allocated_bytes() >> 20, info.memory_bytes >> 20, info.name,
          memory_limits_text());

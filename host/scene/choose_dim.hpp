@@ -15,9 +15,9 @@ struct DimChoice {
   std::string reason;  // one line of text: the properties of the data that led to this choice
 };
 
-// Chooses N from the cameras of the training views; images are not read. Time and further query values are
-// used if they differ between views. The direction is used if the scene is seen from directions that differ
-// by more than half a degree. Throws Error(data) if there are no views.
+// Chooses the number of dimensions N from the cameras of the training views; images are not read. Time and
+// further query values are used if they differ between views. The direction is used if the scene is seen from
+// directions that differ by more than half a degree. Throws Error(data) if there are no views.
 DimChoice choose_dim(std::span<const View> train);
 
 }  // namespace ubs

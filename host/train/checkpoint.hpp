@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Checkpoint is a training run that is stored on disk. It contains the state of the run, and the settings,
-// the data and the device that are required to resume it. It is a single little-endian file with these parts:
+// Checkpoint is a training run that is stored on disk. It contains the state of the run and its
+// settings, and it identifies the data and the device that are required to resume it. It is a single
+// little-endian file with these parts:
 //   "UBSCKPT\n", u32 version, u32 bytes of the header, header (JSON: settings, counters, sizes),
 //   float32 parameters, first moments, second moments, loss sums, appearance and sky, float64 cameras, u32
 //   CRC-32 of everything before.

@@ -38,8 +38,9 @@ constexpr int kFewUses = 4;
 constexpr const char *kPyramidOfLarge = "4:0.5,2:0.95", *kPyramidOfFewUses = "4:0.7,2:0.95";
 // lr_cooldown of models with direct conditioning and time (docs/results/2026-11-24-budgets.md).
 constexpr double kMovingCooldown = 0.6;
-// opacity_reg of runs with few images (docs/results/2026-11-25-few-photographs.md).
-constexpr double kFewOpacityReg = 0.02;
+// opacity_reg of runs with few images (docs/results/2026-11-25-few-photographs.md), and of runs with random
+// background colours (docs/results/2026-11-28-opaque.md).
+constexpr double kFewOpacityReg = 0.02, kOpaqueOpacityReg = 0;
 // Exponent of the decrease of beta_dir_init. It is only used for photographs of static scenes with initial
 // points.
 constexpr double kDirectionPower = 1.2;
@@ -138,9 +139,10 @@ TrainSettings fast_settings_for(const TrainSettings& settings, int iterations, s
   if (moves(s) && is_free(s, "lr_cooldown", s.lr_cooldown, fast_settings().lr_cooldown))
     s.lr_cooldown = kMovingCooldown;
   if (is_free(s, "opacity_reg", s.opacity_reg, standard.opacity_reg))
-    s.opacity_reg = pictures.wide_images       ? kWideOpacityReg
-                    : pictures.few_photographs ? kFewOpacityReg
-                                               : s.opacity_reg;
+    s.opacity_reg = pictures.wide_images                          ? kWideOpacityReg
+                    : pictures.few_photographs                    ? kFewOpacityReg
+                    : s.random_background == RandomBackground::on ? kOpaqueOpacityReg
+                                                                  : s.opacity_reg;
   if (points == 0 && is_free(s, "lr_xyz", s.lr_xyz, standard.lr_xyz))
     s.lr_xyz = std::clamp(kFarTravel / iterations, standard.lr_xyz, kFastest);
   const int interval = refine_interval(iterations);

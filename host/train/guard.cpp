@@ -106,7 +106,8 @@ TrainState Guard::answer(const NonFiniteEvent& event, TrainState s, TrainingView
   const std::uint64_t first = views.first_draw(event.iteration), end = first + views.batch();
   if (on_nan_ == OnNan::rollback) {
     if (s.rollbacks >= kMaxRollbacks) stop(fmt::format("stopped after {} rollbacks", s.rollbacks));
-    go_on(fmt::format("going back to iteration {}; this view will be skipped", good_->iteration));
+    go_on(fmt::format("going back to iteration {}; {} of iteration {} will be skipped", good_->iteration,
+                      event.source.view < 0 ? "all views" : "this view", event.iteration));
     TrainState next = *good_;
     next.seconds = s.seconds;  // the time since that state counts as training time
     next.rollbacks = s.rollbacks + 1;
@@ -120,7 +121,8 @@ TrainState Guard::answer(const NonFiniteEvent& event, TrainState s, TrainingView
   const auto most = std::max<std::uint64_t>(
       kFewDropped, static_cast<std::uint64_t>(kMaxDroppedShare * static_cast<double>(s.model.count)));
   if (const std::uint64_t all = s.dropped + event.splats.size(); all > most)
-    stop(fmt::format("stopped: {} splats would have been dropped, more than {}", all, most));
+    stop(fmt::format("stopped: {} splats would have been dropped in this run, but at most {} may be", all,
+                     most));
   go_on(fmt::format("dropped {} splats", event.splats.size()));
   kill_splats(s, event.splats);
   for (std::uint64_t draw = first; draw < end; ++draw)  // the losses of these draws may not be finite either

@@ -52,8 +52,8 @@ class SharedViewPasses final : public ViewPasses {
   Deal deal_;
 };
 
-// Returns the passes of this rank. If there is only one rank, they render all views, in an object of the base
-// class.
+// Returns the ViewPasses of this rank. This is a SharedViewPasses or, if there is only one rank, an object of
+// the base class, which renders all views.
 std::unique_ptr<ViewPasses> make_view_passes(Communicator& ranks, Device& device, Stages& stages,
                                              TrainingViews& views, TrainedSplats& splats,
                                              const RenderSettings& settings);

@@ -261,7 +261,7 @@ class Model {
   Parameter parameter(const std::string& name, std::uint32_t group = 0) const {
     for (Parameter& p : parameters(group))
       if (p.name == name) return p;
-    throw Exception(UBS_ERROR_USAGE, ("the model has no parameters '" + name + "'").c_str());
+    throw Exception(UBS_ERROR_USAGE, ("the model has no parameter named '" + name + "'").c_str());
   }
   Settings settings() const {
     return Settings(

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Determines which 4x4 pixel blocks of a tile a splat reaches. The lanes of a vector are splats. A splat reaches a
-// block if r < `reach` at a point of the rectangle that the block's pixel centres span. r is the squared distance to
+// Determines which blocks of 4x4 pixels in a tile are reached by a splat. Each lane of a vector processes one splat. A
+// splat reaches a block if r < `reach` at a point of the rectangle that the block's pixel centres span. r is the squared distance to
 // the mean (math/blend.h), and `reach` is the r at which the support ends, or at which alpha falls below its limit. The
 // test computes the smallest r over the rectangle, so it is exact except for the margin UBS_CULL_MARGIN.
 // d is the mean of the splat minus a point. In a block, each coordinate of d has values from c - 1.5 to c + 1.5, where
@@ -11,7 +11,7 @@
 // are below 1e-4 of r if the axes of the ellipse have a ratio of 1000 : 1. It enlarges the radius by 0.5 %.
 #define UBS_CULL_MARGIN R(0.01)
 
-// CullSplat holds the values of a splat that the test reads. The lanes are splats.
+// CullSplat holds the values of a splat that the test reads. Each lane of a vector belongs to one splat.
 typedef struct {
   vreal x, y;           // mean relative to the tile's corner [px]
   vreal l00, l01, l11;  // factor of the conic

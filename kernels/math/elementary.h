@@ -186,8 +186,8 @@ UBS_FN vreal ubs_exp(vreal x) { return x <= V(88.37) ? exp_falling(x) : x * (vre
 #else
 // This part is for single floats, which are used on GPUs with OpenCL and CUDA. On GPUs the native functions are single
 // instructions. According to the specification of PTX, native_exp2 and native_log2 have relative errors of at most
-// 2^-22, except that the error of native_log2 near 1 is absolute. The error of native_recip is at most 2^-23, and 1 ulp
-// on AMD. OpenCL leaves the accuracy to the device, and ubs checks the device before its first use. On CPUs the host
+// 2^-22, except that the error of native_log2 near 1 is absolute. The relative error of native_recip is at most
+// 2^-23; on AMD its error is at most 1 ulp. OpenCL leaves the accuracy to the device, and ubs checks the device before its first use. On CPUs the host
 // replaces the native functions by exp2 and log2.
 #ifdef UBS_OPENCL
 #define ubs_exp(x) exp(x)
@@ -214,8 +214,8 @@ UBS_FN vreal ubs_log2_1m(vreal r) {
   return r < V(0.25) ? p * r : native_log2(V(1.0) - r);
 }
 #endif
-// Returns 1 / x for x and results that are far from overflow and denormals. The ordinary division of floats contains a
-// branch for such numbers, which do not occur here.
+// Returns 1 / x. Neither x nor the result may be near overflow or denormal. The ordinary division of floats contains a
+// branch for such numbers, which is not needed here.
 UBS_FN vreal ubs_reciprocal(vreal x) {
   vreal y = native_recip(x);
   return ubs_fma(y, ubs_fma(-x, y, V(1.0)), y);

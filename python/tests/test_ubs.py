@@ -231,7 +231,7 @@ def test_splats_can_be_replaced_in_training(data: ubs.Dataset, tmp_path: Path) -
                           (np.full(len(more), -2), "is neither -1"), (source / 2, "integers")):
         with pytest.raises(ubs.UsageError, match=number):
             trainer.set_model(more, wrong)
-    with pytest.raises(ubs.UsageError, match="room for 400"):
+    with pytest.raises(ubs.UsageError, match="memory for 400"):
         trainer.set_model(model.like(401))
     with pytest.raises(ubs.UsageError, match="dimension|form"):
         trainer.set_model(ubs.Model.empty(3, 5))

@@ -23,8 +23,8 @@ class Drawing:
         self.device, self.depth, self.settings = opened(device), depth, settings or {}
         self.names = list(self.model.parameters)
         self.lock = threading.RLock()  # several calls set values and render, possibly from different threads
-        # The object of ubs.torch, or the camera of draw(), that the last image was rendered for. None if the device
-        # no longer has the data from which the gradient of this image is computed.
+        # Identifies the last image: the argument `reason` of _draw() in ubs.torch, or the camera that was passed to
+        # draw(). None if the device no longer has the data from which the gradient of this image is computed.
         self.kept: object = None
         self._make()
 
@@ -47,11 +47,11 @@ class Drawing:
         self.kept = None
         splats = shapes[0][0] if len(shapes[0]) == 2 else -1
         for name, shape in zip(self.names, shapes):
-            expected = (splats, self.values[name].shape[1])
-            if tuple(shape) != expected:
-                raise UsageError(
-                    f"{name} has the shape {tuple(shape)}, not {expected}, because {self.names[0]} has {splats} splats"
-                )
+            width = self.values[name].shape[1]
+            if len(shape) != 2 or shape[1] != width:
+                raise UsageError(f"{name} has the shape {tuple(shape)}, but must have the shape (splats, {width})")
+            if shape[0] != splats:
+                raise UsageError(f"{name} has {shape[0]} splats, but {self.names[0]} has {splats}")
         if splats == len(self.model):
             return
         if splats <= self.renderer.capacity:
@@ -78,8 +78,8 @@ class Drawing:
     def differentiate(
         self, camera: Camera, arrays: Sequence[FloatArray], v_pictures: Sequence[FloatArray]
     ) -> dict[str, FloatArray]:
-        """Returns the gradients of the parameters. Renders the image again, unless the device still has the data of the
-        last image, and draw() rendered this image with for_gradient=True, with the same camera and the same values."""
+        """Returns the gradients of the parameters. If the last call was draw() with for_gradient=True, the same camera
+        and the same values, uses the data that the device still has of this image. Otherwise renders it again first."""
         same = all(np.array_equal(self.values[name], array) for name, array in zip(self.names, arrays))
         if self.kept is not camera or not same:
             self.put(arrays)

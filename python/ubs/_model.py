@@ -75,7 +75,7 @@ class Parameters(Mapping[str, FloatArray]):
 
     def __setitem__(self, name: str, values: npt.ArrayLike) -> None:
         if name not in self._arrays:
-            raise UsageError(f"the model has no parameters '{name}': there are {', '.join(self._arrays)}")
+            raise UsageError(f"the model has no parameter named '{name}': there are {', '.join(self._arrays)}")
         self._arrays[name][...] = floats(values, self._arrays[name].shape, name)
 
     def __iter__(self) -> Iterator[str]:

@@ -271,11 +271,13 @@ TEST_CASE("point cloud: an ascii file must contain exactly the announced rows", 
   CHECK(read(start + "end_header\n1 2 3\n4 5 6\n").empty());
   CHECK(read(start + "end_header\n1 2 3 \r\n4 5 6\r\n\n \n").empty());
   CHECK(read(start + "end_header\n1 2 3\n4 5 6").empty());
-  CHECK_THAT(read(start + "end_header\n1 2 3\n4 5 6\n7 8 9\n"), Contains("more rows follow the vertices"));
+  CHECK_THAT(read(start + "end_header\n1 2 3\n4 5 6\n7 8 9\n"),
+             Contains("at least 1 rows follow the vertices"));
   CHECK_THAT(read(start + "end_header\n1 2 3 4\n4 5 6\n"), Contains("more values than the 3 properties"));
   const std::string faces =
       start + "element face 2\nproperty list uchar int vertex_indices\nend_header\n1 2 3\n4 5 6\n";
   CHECK(read(faces + "3 0 1 1\n3 0 0 1\n").empty());
-  CHECK_THAT(read(faces + "3 0 1 1\n"), Contains("1 rows follow the vertices, but the header announces 2"));
+  CHECK_THAT(read(faces + "3 0 1 1\n"),
+             Contains("only 1 rows follow the vertices, but the header announces 2"));
   CHECK_THAT(read(start + "end_header\n1 2 1e300\n4 5 6\n"), Contains("point 0 = 1e+300"));
 }

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tests reading safetensors files. Any invalid content must give an error that names the file and the tensor.
+// Tests reading safetensors files. Any invalid content must give an error that names the file and, if there
+// is one, the tensor.
 #include "host/pipeline/safetensors.hpp"
 
 #include <catch2/catch.hpp>

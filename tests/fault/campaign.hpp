@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-// Test support: introduces every kind of fault at every system call of a command, and checks the following
-// after each of them. The exit code is documented and not "internal". An error message is one line. The
-// command does not hang. Each result is the old file, the complete new file, or missing. Foreign files are
-// unchanged. Only a killed process leaves temporary files. If the exit code is 0 and there is no warning, the
-// results are bit-identical to those of an undisturbed run. Otherwise, the command that completes the work on
-// a working disk gives these results and leaves no temporary file.
+// Test support: introduces faults of every kind at system calls of a command on the files of one folder, and
+// checks the following after each fault. The exit code is documented and not "internal". An error message is
+// one line. The command does not hang. Each result is the old file, the complete new file, or missing.
+// Foreign files are unchanged. Only a killed process leaves temporary files. If the exit code is 0 and there
+// is no warning, the results are bit-identical to those of an undisturbed run. Otherwise, the command that
+// completes the work on a working disk gives these results and leaves no temporary file.
 #pragma once
 
 #include <functional>
@@ -30,10 +30,12 @@ struct Scenario {
   // completed.
   std::string unfinished = {};
   bool has_children = false;  // the command starts processes, and continues if one of them is killed
-  // Between the first and the last change of a result, the command handles a signal, and is not ended by it.
+  // Between the first and the last change of a result, a signal does not end the command
+  // at once: it ends in a controlled way.
   bool keeps_at_signal = false;
   bool best_effort = false;  // the command may end with code 0 and a warning if a result is missing
-  // Returns the arguments that complete the work after `run`. If empty, the command is repeated.
+  // Returns the arguments of the command that completes the work after a fault. The parameter is the folder
+  // in which the command ran. If the function is empty, the command is repeated.
   std::function<std::string(const TempFolder&)> complete = {};
   LoopDisk* disk = nullptr;  // disk that is mounted at out/; may be null
   // Returns the part of a file that is equal in two runs. If empty, all bytes must be equal.

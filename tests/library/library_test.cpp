@@ -238,7 +238,7 @@ TEST_CASE("training with the library gives the same bits as with the executable"
   check_error(UBS_ERROR_DATA, "no such file", [&] { again.restore(out / "nothing.ubs"); });
   const ubs::Model larger = small_model(6, 0, 500);
   ubs::Trainer(device, data, settings(), &larger).save(out / "larger.ubs");
-  check_error(UBS_ERROR_USAGE, "room for 400", [&] { again.restore(out / "larger.ubs"); });
+  check_error(UBS_ERROR_USAGE, "memory for 400", [&] { again.restore(out / "larger.ubs"); });
 }
 
 TEST_CASE(
@@ -692,7 +692,7 @@ TEST_CASE(
   trainer.run({}, 5);
   from[3] = static_cast<std::int64_t>(splats);
   check_error(UBS_ERROR_USAGE, "from[3] = ", [&] { trainer.set_model(half, from); });
-  check_error(UBS_ERROR_USAGE, "room for 400", [&] { trainer.set_model(before.like(401)); });
+  check_error(UBS_ERROR_USAGE, "memory for 400", [&] { trainer.set_model(before.like(401)); });
   check_error(UBS_ERROR_USAGE, "1 to 100000000 splats", [&] { before.like(0); });
 }
 

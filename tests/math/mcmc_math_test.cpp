@@ -52,7 +52,9 @@ TEST_CASE("the opacity of a source without copies does not change", "[mcmc]") {
     CHECK(split_raw_opacity(raw, 1.0) == Approx(raw).epsilon(1e-12).margin(1e-12));
 }
 
-TEST_CASE("sampling weights are rounded multiples of opacities, and zero for dead splats and NaN", "[mcmc]") {
+TEST_CASE(
+    "sampling weights are rounded multiples of opacities, and those of live splats are 0 for dead splats",
+    "[mcmc]") {
   CHECK(sampling_weight(0.0) == 8388608.0);
   CHECK(sampling_weight(100.0) == 16777216.0);
   CHECK(sampling_weight(-100.0) == 0.0);
@@ -70,7 +72,8 @@ TEST_CASE("noise is scaled by (1 - o)^100, where o is the opacity", "[mcmc]") {
   CHECK(noise_gate(-5.2933) == Approx(0.606).epsilon(2e-3));  // the value of method.md 4.3
 }
 
-TEST_CASE("the displacement by noise is Sigma_x times a vector of normal numbers", "[mcmc]") {
+TEST_CASE("the displacement by noise is Sigma_x times normally distributed numbers, times the gate",
+          "[mcmc]") {
   const double a0 = 0.3, a1 = -0.7, a2 = 1.1, s[3] = {0.4, -1.0, 0.1};
   const SpatialFrame frame = spatial_frame({{a0, a1, a2}, {s[0], s[1], s[2]}});
   const double rotation[3][3] = {{1, a0, a1}, {-a0, 1, a2}, {-a1, -a2, 1}};
@@ -96,7 +99,8 @@ TEST_CASE("noise that is not finite does not move a splat", "[mcmc]") {
 }
 
 // The numbers are computed with the arithmetic of method.md 4.3.
-TEST_CASE("growth by 2 % gives the published numbers of splats of two scenes", "[mcmc]") {
+TEST_CASE("growth by 2 % gives the expected number of splats, and reaches the maximum when expected",
+          "[mcmc]") {
   const auto grown = [](long count) {
     return static_cast<long>(std::floor(1.02 * static_cast<double>(count)));
   };

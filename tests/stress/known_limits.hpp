@@ -3,7 +3,7 @@
 // (judge.hpp). Each limit has an amplification: a property of the model by which rounding errors are
 // multiplied. The error of a gradient may then be up to factor * 2^-24 * amplification. The factor is at most
 // twice the largest one that was observed. There are no known limits for images. A stress run counts the
-// cases of each limit, and fails if the error of a case is larger.
+// cases of each limit. It fails if the error of a case is larger than the limits allow together.
 #pragma once
 
 #include <string>
@@ -25,7 +25,7 @@ struct KnownLimit {
 
 // Returns all known limits.
 const std::vector<KnownLimit>& known_limits();
-// Returns r = 2^-24 * amplification.
+// Returns 2^-24 * amplification.
 double limit_rounding(const KnownLimit& limit, const oracle::Study& study);
 
 // Returns the limit that explains the errors of the case, or null if they are larger than all limits together

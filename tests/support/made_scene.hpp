@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // put_scene() writes the same data set as the command `ubs synth SCENE --size S --views N --test-views M
-// --supersampling 1`, but without starting a process. Tests that need data, but do not test this command, use
-// it.
+// --supersampling 1`, but without starting a process. Tests use put_scene() if they need data but do not
+// test this command.
 #pragma once
 
 #include "host/data/synthetic.hpp"

@@ -61,6 +61,10 @@ TEST_CASE("fast settings: values scale with the iterations, and splats are added
   CHECK(fast_settings_for(fast_settings(), 2000, 9000).opacity_reg == 0.01);
   CHECK(fast_settings_for(fast_settings(), 2000, 9000, {.few_photographs = true}).opacity_reg == 0.02);
   CHECK(fast_settings_for(fast_settings(), 2000, 9000, {.wide_images = true}).opacity_reg == 0);
+  TrainSettings opaque = fast_settings();
+  opaque.random_background = RandomBackground::on;
+  CHECK(fast_settings_for(opaque, 2000, 9000).opacity_reg == 0);
+  CHECK(fast_settings_for(opaque, 2000, 9000, {.few_photographs = true}).opacity_reg == 0.02);
   // The later levels of the image pyramid end later if images are large, or if each image is used only a few
   // times, so that fewer iterations use the full size.
   const auto pyramid = [](int iterations, std::size_t views, double pixels) {

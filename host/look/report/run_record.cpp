@@ -59,7 +59,8 @@ std::optional<Row> read_row(const std::vector<std::string>& head, const std::vec
 
 void take_setting(RunRecord& run, FieldValues fields, const std::string& key, const std::string& value,
                   std::vector<std::string>& unknown) {
-  std::string shown = value;  // replaced by the text of this version, so that equal values look equal
+  // Replaced by the text that this version of ubs writes for the value, so that equal values look equal.
+  std::string shown = value;
   try {
     set_field(fields, key, value, "setting");
     for (const FieldValue& field : fields)

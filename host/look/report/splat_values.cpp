@@ -88,7 +88,7 @@ void add_betas(Collector& out, const ModelVariant& variant) {
 void add_scales(Collector& out, const ModelVariant& variant) {
   const std::string radius = variant.has_spatial_beta() ? "radius of the support" : "standard deviation";
   const std::string form =
-      variant.cov_param == CovParam::spatial_ortho ? "along its axes" : "diagonal of the factor";
+      variant.cov_param == CovParam::spatial_ortho ? "along its axes" : "diagonal of the covariance's factor";
   out.add(
       {"spatial scale", "scene units", radius + ", " + form, true, false, {}},
       [](Layout l) {
@@ -108,16 +108,16 @@ void add_scales(Collector& out, const ModelVariant& variant) {
         direct ? +[](double raw) { return 1 / softplus(raw); } : softplus);
   };
   add("direction scale", "relative to a unit direction", directions);
-  add("time scale", "relative to the whole time", time);
+  add("time scale", "relative to the duration of the scene", time);
   add("further query scale", "query units", further);
 }
 
 void add_colours(Collector& out, const ModelVariant& variant) {
   const bool harmonics = variant.harmonics() > 0;
-  const char* meaning =
-      harmonics ? "all channels; constant harmonics" : "all channels; not clamped in training";
+  const char* meaning = harmonics ? "all channels; the constant term of the harmonics"
+                                  : "all channels; not clamped in training";
   out.add(
-      {"colour", "0 to 1 is shown", meaning, false, false, {}},
+      {"colour", "colour value; screens show 0 to 1", meaning, false, false, {}},
       [](Layout l) {
         return Rows{l.rgb, 3};
       },

@@ -91,8 +91,9 @@ class ViewCamera {
     });
   }
 
-  // Returns whether one of `cameras` saw this view. Such a camera has the target in its image, from a direction
-  // that differs by at most 60 degrees, and this camera is at most twice as far from the target as that camera.
+  // Returns whether one of `cameras` saw this view. A camera saw it if three conditions hold. The target is in the
+  // image of the camera. The directions from which the camera and this view look at the target differ by at most 60
+  // degrees. The distance of this view from the target is at most twice that of the camera.
   isSeenBy(cameras) {
     return cameras.some((c) => {
       const way = add(this.target, c.centre, -1), far = Math.hypot(...way);

@@ -190,9 +190,9 @@ cudaError_t enqueue(cudaStream_t stream, std::function<void()> run);
 // The properties that the runtime reports for the driver and its only GPU. Tests change them.
 struct Card {
   int driver = 0, runtime = 0, capability = 90;
-  cudaError_t count = cudaSuccess, properties = cudaSuccess,
-              code = cudaSuccess;  // the results of the calls that query the GPU
-  std::size_t used = 0;            // memory that other programs use
+  // The results of cudaGetDeviceCount(), cudaGetDeviceProperties() and cudaFuncGetAttributes().
+  cudaError_t count = cudaSuccess, properties = cudaSuccess, code = cudaSuccess;
+  std::size_t used = 0;  // memory that other programs use
 };
 extern Card card;
 
@@ -245,7 +245,7 @@ cudaError_t cudaMemcpyAsync(void* to, const void* from, std::size_t bytes, cudaM
                             cudaStream_t stream);
 cudaError_t cudaMemsetAsync(void* to, int value, std::size_t bytes, cudaStream_t stream);
 
-// Returns a call of the kernel with the values that the arguments have now.
+// Returns a function that calls the kernel with the values that the arguments have now.
 template <typename... Parameters>
 std::function<void()> ubs_bind(void (*kernel)(Parameters...), void** arguments) {
   return [&]<std::size_t... i>(std::index_sequence<i...>) {
