@@ -123,7 +123,7 @@ TEST_CASE("cli: the first Ctrl-C completes a run with a time budget, and the sec
   // reached its regular end is resumed at its last iteration, and the last part of the schedule is run once
   // more.
   CHECK_THAT(run.out, Contains("longer   ubs train --resume early --budget +5m"));
-  check_error(folder, "train --resume early", 2, "early: this run is finished: pass the time");
+  check_error(folder, "train --resume early", 2, "early: this run is finished: to continue it, pass");
   const int completed = early["ended_early"]["iteration"].get<int>();
   const Result on = ubs_ok(folder, "train --resume early --budget +1s");
   CHECK_THAT(on.out, Contains(fmt::format("resumed  at iteration {},", completed)));

@@ -117,7 +117,7 @@ TEST_CASE("image: float output is clamped, rounded and checked", "[image]") {
   CHECK(load_image(folder / "i.png").rgb == expected);
   const std::vector<float> bad{0, 0, std::numeric_limits<float>::quiet_NaN()};
   CHECK_THAT(message_of([&] { save_png_interleaved(folder / "n.png", bad, 1, 1); }, ErrorKind::numerical),
-             Contains("sample 2 is nan"));
+             Contains("sample 2 of the image is nan"));
   CHECK_FALSE(std::filesystem::exists(folder / "n.png"));
   CHECK_THAT(message_of([&] { save_png_interleaved(folder / "n.png", bad, 2, 1); }, ErrorKind::internal),
              Contains("2x1"));

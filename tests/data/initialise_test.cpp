@@ -181,7 +181,7 @@ TEST_CASE("initialise: invalid points and options are rejected", "[initialise]")
              Contains("initial point 0 is not finite"));
   CHECK_THAT(message_of([] { initialise_random(6, 0, 0); }), Contains("at least one point"));
   CHECK_THAT(message_of([&] { initialise_from_points(6, bad, {}, 0); }, ErrorKind::internal),
-             Contains("0 colours"));
+             Contains("as many colours, but there are 0"));
   InitOptions options;
   options.opacity = 1;
   CHECK_THAT(message_of([&] { initialise_random(6, 5, 0, options); }, ErrorKind::usage),

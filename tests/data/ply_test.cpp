@@ -225,7 +225,7 @@ TEST_CASE("ply: non-finite values are detected in reading and writing", "[ply]")
   SplatModel model = numbered_model(6, 5);
   model.row(8)[3] = std::numeric_limits<float>::infinity();
   CHECK_THAT(message_of([&] { write_splat_ply(folder / "y.ply", model); }, ErrorKind::numerical),
-             Contains("splat 3: 'beta_1' is inf"));
+             Contains("in splat 3, 'beta_1' is inf"));
   CHECK_FALSE(std::filesystem::exists(folder / "y.ply"));
   model.values.pop_back();
   CHECK_THAT(message_of([&] { write_splat_ply(folder / "y.ply", model); }, ErrorKind::internal),

@@ -226,7 +226,7 @@ TEST_CASE("formats: SOG preserves values up to its codebooks and palette", "[for
   std::string bad = file;
   bad[bad.find("VP8L") + 40] ^= 1;
   CHECK_THAT(message_of([&] { parse_sog(std::as_bytes(std::span(bad)), "b.sog"); }),
-             Contains("b.sog: means_l.webp: damaged"));
+             Contains("b.sog: means_l.webp: the file is damaged"));
   bad = file.substr(0, file.size() - 1);
   CHECK_THAT(message_of([&] { parse_sog(std::as_bytes(std::span(bad)), "b.sog"); }), Contains("truncated"));
   put(folder / "no.sog", "PK\3\4 and no more");

@@ -255,7 +255,8 @@ TEST_CASE("usd: text is read in every notation that the format allows", "[format
   CHECK(plain.log_scales[0] == std::array<float, 3>{0, 0, 0});
   CHECK(plain.opacity_logits[0] == kMaxLogit);
   CHECK(plain.sh == std::vector<float>(3, 0.0f));
-  CHECK_THAT(notes_of(plain), Contains("no scales: the schema's default") && Contains("no opacities"));
+  CHECK_THAT(notes_of(plain),
+             Contains("scales are missing: the schema's default") && Contains("opacities are missing"));
 
   const std::string odd = R"usd(#usda 1.0
 (

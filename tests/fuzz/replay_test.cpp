@@ -4,6 +4,7 @@
 // bytes are replaced by 0xff, which makes counts huge.
 #include <catch2/catch.hpp>
 
+#include "tests/fuzz/files.hpp"
 #include "tests/fuzz/targets.hpp"
 
 namespace {
@@ -21,7 +22,9 @@ TEST_CASE("fuzz replay: seeds and damaged seeds are either read or give errors",
     const std::vector<std::string> seeds = target.seeds();
     REQUIRE(!seeds.empty());
     for (const std::string& seed : seeds) {
+      const std::size_t before = ubs::fuzz::accepted;
       REQUIRE_NOTHROW(run(target, seed));
+      CHECK(ubs::fuzz::accepted > before);  // seeds are valid
       const std::size_t step = std::max<std::size_t>(1, seed.size() / 60);
       for (std::size_t at = 0; at < seed.size(); at += step) {
         REQUIRE_NOTHROW(run(target, seed.substr(0, at)));

@@ -20,6 +20,7 @@
 #include "host/data/splat_file.hpp"
 #include "host/data/splat_series.hpp"
 #include "host/data/ubsz.hpp"
+#include "host/data/wide_image_file.hpp"
 #include "host/data/world_points.hpp"
 #include "host/data/zip.hpp"
 #include "host/pipeline/safetensors.hpp"
@@ -331,25 +332,36 @@ std::vector<std::string> seed_safetensors() {
   return {file};
 }
 
-// The input consists of the length of the header (2 bytes), the header and the blocks. This function creates
-// the preamble, because a fuzzer cannot guess the checksum of the header.
+// The input consists of the version (1 byte), the header as a block, and the blocks of the file. This
+// function creates the preamble, because a fuzzer cannot guess the checksum of the header.
 void run_packed(Data d) {
-  if (d.size() < 2) return;
-  const std::size_t length = std::min<std::size_t>(d[0] + 256u * d[1], d.size() - 2);
-  const Data header = d.subspan(2, length);
+  if (d.empty()) return;
+  const std::uint32_t version = d[0];
+  d = d.subspan(1);
+  const Data header = take_block(d);
   std::string file("UBSDATA\x1a", 8);
-  add<std::uint32_t>(file, 1 + d[0] % 2), add<std::uint32_t>(file, crc32(std::as_bytes(header)));
-  add<std::uint64_t>(file, length);
-  file.append(reinterpret_cast<const char*>(d.data()) + 2, d.size() - 2);
+  add<std::uint32_t>(file, version), add<std::uint32_t>(file, crc32(std::as_bytes(header)));
+  add<std::uint64_t>(file, header.size());
+  for (const Data part : {header, d}) file.append(reinterpret_cast<const char*>(part.data()), part.size());
   const fs::path path = put("x.ubsd", {reinterpret_cast<const std::uint8_t*>(file.data()), file.size()});
   expect_error_only([&] { load_dataset(path, {.read = {.layout = "packed"}}); });
 }
 std::vector<std::string> seed_packed() {
   std::vector<std::string> seeds;
-  for (const bool masked : {false, true}) {
+  struct WidePixels : ImageSource {
+    Image8 load() const override {
+      return {8, 8, std::vector<std::uint8_t>(192, 90), std::vector<std::uint8_t>(64, 255)};
+    }
+  };
+  for (const int version : {1, 2, 3}) {
     View view{"a", {}, {2, 1, std::vector<std::uint8_t>(6, 9), {}}, nullptr};
     view.camera.width = 2, view.camera.height = 1;
-    if (masked) view.image.mask = {0, 255};
+    if (version == 2) view.image.mask = {0, 255};
+    if (version == 3) {
+      view.part_of = "wide";
+      view.wide = std::make_shared<StoredWideImage>(wide_lens("fisheye:200", 8, 8), "wide",
+                                                    std::make_shared<WidePixels>());
+    }
     PackedData data{.splits = {{"train", {view}}},
                     .points = PointCloud{{{1, 2, 3}}, {{4, 5, 6}}},
                     .depth_bounds = {{{1, 2}}}};
@@ -357,7 +369,7 @@ std::vector<std::string> seed_packed() {
     const std::string file = get(folder() / "s.ubsd");
     std::uint64_t length = 0;
     std::memcpy(&length, file.data() + 16, sizeof length);
-    seeds.push_back(block(file.substr(24, length)) + file.substr(24 + length));
+    seeds.push_back(file[8] + block(file.substr(24, length)) + file.substr(24 + length));
   }
   return seeds;
 }

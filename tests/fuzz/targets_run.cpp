@@ -11,20 +11,9 @@
 
 namespace ubs::fuzz {
 
-// The input is the header as a block, followed by numbers. This function creates the preamble and the
-// checksum, because a fuzzer cannot guess them.
-void run_checkpoint(Data d) {
-  const Data header = take_block(d);
-  std::string file = "UBSCKPT\n";
-  add<std::uint32_t>(file, 2), add<std::uint32_t>(file, static_cast<std::uint32_t>(header.size()));
-  file.append(reinterpret_cast<const char*>(header.data()), header.size());
-  file.append(reinterpret_cast<const char*>(d.data()), d.size());
-  add<std::uint32_t>(file, crc32(std::as_bytes(std::span(file))));
-  const fs::path path = put("x.ckpt", {reinterpret_cast<const std::uint8_t*>(file.data()), file.size()});
-  expect_error_only([&] { read_checkpoint(path); });
-}
+namespace {
 
-std::vector<std::string> seed_checkpoint() {
+std::string small_checkpoint() {
   Checkpoint checkpoint;
   checkpoint.settings.dim = 3;
   checkpoint.data = "/data";
@@ -33,7 +22,27 @@ std::vector<std::string> seed_checkpoint() {
   state.moment1 = state.moment2 = std::vector<float>(state.model.values.size(), 0.5f);
   state.iteration = 7;
   write_checkpoint(folder() / "s.ckpt", checkpoint);
-  const std::string file = get(folder() / "s.ckpt");
+  return get(folder() / "s.ckpt");
+}
+
+}  // namespace
+
+// The input is the header as a block, followed by numbers. This function creates the preamble and the
+// checksum, because a fuzzer cannot guess them.
+void run_checkpoint(Data d) {
+  static const std::string magic_and_version = small_checkpoint().substr(0, 12);
+  const Data header = take_block(d);
+  std::string file = magic_and_version;
+  add<std::uint32_t>(file, static_cast<std::uint32_t>(header.size()));
+  file.append(reinterpret_cast<const char*>(header.data()), header.size());
+  file.append(reinterpret_cast<const char*>(d.data()), d.size());
+  add<std::uint32_t>(file, crc32(std::as_bytes(std::span(file))));
+  const fs::path path = put("x.ckpt", {reinterpret_cast<const std::uint8_t*>(file.data()), file.size()});
+  expect_error_only([&] { read_checkpoint(path); });
+}
+
+std::vector<std::string> seed_checkpoint() {
+  const std::string file = small_checkpoint();
   std::uint32_t length = 0;
   std::memcpy(&length, file.data() + 12, sizeof length);
   return {block(file.substr(16, length)) + file.substr(16 + length, file.size() - 20 - length)};

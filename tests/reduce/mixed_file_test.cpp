@@ -80,6 +80,6 @@ TEST_CASE("mixed file: inconsistent files are rejected with a reason", "[reduce]
   MixedModel bad = three_groups();
   bad.groups[2].values[5] = std::numeric_limits<float>::infinity();
   CHECK_THAT(message_of([&] { write_mixed_ply(folder / "n.ply", bad); }, ErrorKind::numerical),
-             Contains("splat 5: 'x' is inf"));
+             Contains("in splat 5, 'x' is inf"));
   CHECK(!std::filesystem::exists(folder / "n.ply"));
 }
