@@ -62,11 +62,14 @@ void run_run_folder(Data d) {
 }
 
 std::vector<std::string> seed_run_folder() {
-  return {
-      block(
-          R"({"test":{"mean":{"psnr":31.5,"ssim":null},"views":[{"name":"a","psnr":3}]},"device":{"name":"x"}})") +
-      block("iteration,seconds,loss,splats,test_psnr,test_ssim\n10,0.5,0.25,100,,\n20,1,0.2,100,20.5,0.5\n") +
-      block("# settings\ndim: 6\nbackground: [0, 0, 0]\nlr_rgb: 0.001\nunknown: &a [1, *a]\n")};
+  const std::string metrics =
+      R"({"test":{"mean":{"psnr":31.5,"ssim":null},"views":[{"name":"a","psnr":3}]},"device":{"name":"x"}})";
+  const std::string log =
+      "iteration,seconds,loss,splats,test_psnr,test_ssim,sample_psnr,sample_views\n"
+      "10,0.5,0.25,100,,,19.5,4\n20,1,0.2,100,20.5,0.5,,\n";
+  const std::string config = "# settings\ndim: 6\nbackground: [0, 0, 0]\nlr_rgb: 0.001\n";
+  return {block(metrics) + block(log) + block(config),
+          block(metrics) + block(log) + block(config + "unknown: &a [1, *a]\n")};
 }
 
 void run_keyframes(Data d) {
@@ -77,7 +80,7 @@ void run_keyframes(Data d) {
 std::vector<std::string> seed_keyframes() {
   return {
       R"({"closed":true,"keyframes":[{"position":[1,2,3],"look_at":[0,0,0],"up":[0,0,1],"fov":50,"time":0.5},)"
-      R"({"world_to_camera":[[1,0,0,1],[0,1,0,2],[0,0,1,3]]},{"transform_matrix":[[1,0,0,1],[0,1,0,2],[0,0,1,3],[0,0,0,1]]}]})"};
+      R"({"world_to_camera":[[1,0,0,1],[0,1,0,2],[0,0,1,3]],"time":0},{"time":1,"transform_matrix":[[1,0,0,1],[0,1,0,2],[0,0,1,3],[0,0,0,1]]}]})"};
 }
 
 }  // namespace ubs::fuzz
