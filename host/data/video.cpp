@@ -49,9 +49,9 @@ class VideoFile {
            "{}: cannot open the video: it is not an AVI, Matroska, MOV, MP4, MPEG-TS or WebM file",
            path_.string());
     open();
-    size_ = {static_cast<int>(capture_->get(cv::CAP_PROP_FRAME_WIDTH)),
-             static_cast<int>(capture_->get(cv::CAP_PROP_FRAME_HEIGHT))};
-    const double frames = capture_->get(cv::CAP_PROP_FRAME_COUNT);
+    size_ = {static_cast<int>(property(cv::CAP_PROP_FRAME_WIDTH)),
+             static_cast<int>(property(cv::CAP_PROP_FRAME_HEIGHT))};
+    const double frames = property(cv::CAP_PROP_FRAME_COUNT);
     if (size_.width < 1 || size_.height < 1 || size_.width > 65535 || size_.height > 65535 || !(frames >= 1))
       fail(ErrorKind::data, "{}: the video has no frames", path_.string());
     const std::uint64_t bytes = file_bytes(path_);
@@ -63,9 +63,14 @@ class VideoFile {
 
   Image8 frame(int index) {
     const std::lock_guard lock(mutex_);
-    seek(index);
     cv::Mat bgr;
-    if (!capture_->read(bgr) || bgr.type() != CV_8UC3 || bgr.cols != size_.width || bgr.rows != size_.height)
+    bool decoded = false;
+    try {
+      seek(index);
+      decoded = capture_->read(bgr);
+    } catch (const cv::Exception&) {  // OpenCV reports some damaged files in this way
+    }
+    if (!decoded || bgr.type() != CV_8UC3 || bgr.cols != size_.width || bgr.rows != size_.height)
       lose("cannot decode frame", index);
     next_ = index + 1;
     Image8 image{bgr.cols, bgr.rows, {}};
@@ -94,6 +99,15 @@ class VideoFile {
     }
     if (!capture_->isOpened()) fail(ErrorKind::data, "{}: cannot open the video", path_.string());
     next_ = 0;
+  }
+
+  // Returns a property of the open file, or 0 if OpenCV cannot determine it.
+  double property(int id) const {
+    try {
+      return capture_->get(id);
+    } catch (const cv::Exception&) {
+      return 0;
+    }
   }
 
   // Throws an error about a frame. Closes the file first, because the position of the decoder is unknown

@@ -124,6 +124,27 @@ TEST_CASE("video: a damaged frame gives an error at every attempt, and never a d
   CHECK(test::image_difference(load(1), test::gradient_image(96, 64, kShift)) < 6);
 }
 
+// FFmpeg rejects this file, so OpenCV's own decoder opens it, and that one throws an exception of OpenCV.
+TEST_CASE("video: a frame whose size is wrong gives an error with the name of the file") {
+  const TempFolder folder;
+  {
+    VideoWriter writer(folder / "v.avi", 16, 16, 10);
+    for (int frame = 0; frame < 2; ++frame)
+      writer.write({16, 16, std::vector<std::uint8_t>(768, static_cast<std::uint8_t>(60 * frame)), {}});
+    writer.commit();
+  }
+  std::string bytes = test::get(folder / "v.avi");
+  const std::size_t codec = bytes.find("MJPG", bytes.find("strf"));
+  const std::size_t first = bytes.find("00dc", bytes.find("movi")), second = bytes.find("00dc", first + 4);
+  REQUIRE(second != std::string::npos);
+  bytes[codec + 3] = '\0';
+  bytes[second + 7] = '\xc2';  // the last byte of the size of the frame
+  test::put(folder / "v.avi", bytes);
+  const auto video = open_video(folder / "v.avi");
+  CHECK_THAT(test::message_of([&] { video_frame_source(video, 1, 16, 16)->load(); }),
+             Contains("v.avi: cannot decode frame 1"));
+}
+
 TEST_CASE("video: names, sizes and rates that are not supported are rejected with a message") {
   const TempFolder folder;
   const auto refused = [&](const std::string& name, int width, double fps, ErrorKind kind) {
