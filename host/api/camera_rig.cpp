@@ -26,10 +26,10 @@ constexpr double kFilled = 0.9;
 constexpr double kNearer = 0.5, kFarther = 4;
 // Without a meeting point, the only known length is the spread of the cameras (spread_of), so the range of
 // depths is given in multiples of the spread. The multiples are larger for parallel cameras, which are close
-// together compared with the distance of the scene (the cameras of fern are nearly parallel: its
-// depths are 3.8 to 13 times the spread).
-// Cameras that are not parallel move through the scene, so parts of the scene can be closer than the spread.
-// Cameras count as parallel if the mean of their unit view directions is longer than kParallel.
+// together compared with the distance of the scene (the cameras of fern are nearly parallel: its depths are
+// 3.8 to 13 times the spread). Cameras that are not parallel move through the scene, so parts of the scene
+// can be closer than the spread. Cameras count as parallel if the mean of their unit view directions is
+// longer than kParallel.
 constexpr double kParallel = 0.95;
 constexpr double kParallelNear = 2, kParallelFar = 20, kWalkNear = 0.5, kWalkFar = 10;
 // Minimum depth of the meeting point, relative to the spread of the cameras. A smaller depth means that the

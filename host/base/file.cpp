@@ -116,7 +116,8 @@ void rename_or_fail(const fs::path& from, const fs::path& to) {
 void check_ordinary(const fs::path& path) {
   struct stat status {};
   if (::lstat(path.c_str(), &status) != 0 || S_ISREG(status.st_mode)) return;  // open() will report it
-  fail(ErrorKind::data, "{}: this is {}, which ubs does not replace with a file: choose another name", path.string(),
+  fail(ErrorKind::data, "{}: this is {}, which ubs does not replace with a file: choose another name",
+       path.string(),
        S_ISDIR(status.st_mode)   ? "a folder"
        : S_ISLNK(status.st_mode) ? "a symbolic link"
                                  : "a device, a pipe or a socket");

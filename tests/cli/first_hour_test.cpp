@@ -615,7 +615,8 @@ TEST_CASE("a learnt background requires opaque images and is stored in the model
     }
     const std::string exported =
         ubs_ok(folder, fmt::format("convert {0}/model.ply {0}.spz --distill 0", out)).out;
-    CHECK_THAT(exported, Contains(learnt == "sky" ? "with a sky of mean colour 0." : "with the background 0."));
+    CHECK_THAT(exported,
+               Contains(learnt == "sky" ? "with a sky of mean colour 0." : "with the background 0."));
     ubs_ok(folder, fmt::format("report {0} --out {0}.html", out));
     const std::string page = fmt::format("web {0}/model.ply --exact --out {0}-page.html", out);
     CHECK((ubs_ok(folder, page).err.find("mean colour of the sky") != std::string::npos) ==

@@ -41,7 +41,8 @@ void render(Device& device, const test::Data& data, RasterKind raster) {
   renderer.forward(on_device.view(), 0, {}, false);
   CHECK_THROWS_WITH(renderer.forward(on_device.view(), 0, {}, true),
                     Catch::Contains("requires stages with a backward pass"));
-  CHECK_THROWS_WITH(renderer.backward(BufferView<float>{}, false), Catch::Contains("rendered with for_backward"));
+  CHECK_THROWS_WITH(renderer.backward(BufferView<float>{}, false),
+                    Catch::Contains("rendered with for_backward"));
 }
 
 TEST_CASE("rendering builds, allocates and launches nothing that only training needs", "[left_out][opencv]") {

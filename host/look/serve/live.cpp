@@ -31,7 +31,6 @@ constexpr auto kUnlimited = std::numeric_limits<std::uint64_t>::max();
 // request for kAway, the viewer has left.
 constexpr double kLastPictures = 2, kWatched = 10, kFresh = 1, kAway = 90;
 constexpr std::chrono::milliseconds kWait{1000};
-constexpr double kPosterSide = 640;  // maximum length of the longer side of the poster [px]
 
 // Returns the remaining time that the run reports, or an estimate from the iterations so far.
 double seconds_left(const StepReport& report) {
@@ -42,7 +41,7 @@ double seconds_left(const StepReport& report) {
 // Returns the camera of the poster, which is the initial camera with fewer pixels.
 Camera poster_camera(const Scene& scene) {
   Camera camera = scene.cameras.at(scene.start).camera;
-  const double scale = std::min(1.0, kPosterSide / std::max(camera.width, camera.height));
+  const double scale = std::min(1.0, double{web::kLongestPoster} / std::max(camera.width, camera.height));
   for (double* length : {&camera.fx, &camera.fy, &camera.cx, &camera.cy}) *length *= scale;
   for (int* side : {&camera.width, &camera.height})
     *side = std::max(1, static_cast<int>(std::lround(scale * *side)));

@@ -25,8 +25,7 @@ constexpr double kMinRest = 0.02;            // minimum of 1 - opacity when comp
 // Maximum size of the first level. A page up to the end of this level has about 300 KB, with Base64 encoding,
 // the viewer, a hundred cameras and the poster.
 constexpr std::size_t kFirstLevelBytes = 105000;
-// Maximum length of the longer side [px] and maximum number of bytes of the poster in a page.
-constexpr int kLongestPoster = 640;
+// Maximum number of bytes of the poster in a page.
 constexpr std::size_t kPosterBytes = 32000;
 
 // Sensitivity contains H (steps.hpp) of each parameter, as one vector per group in the layout of the

@@ -43,6 +43,7 @@ PackedForWeb pack_for_web(
     const std::vector<Camera>& cameras, const TrainSettings& settings, double psnr = kPsnr, int levels = 1,
     const std::function<void(const std::string&)>& note = [](const std::string&) {});
 
+inline constexpr int kLongestPoster = 640;  // maximum length of the longer side of a poster in a page [px]
 // draw_poster() renders the still image that a page shows until its first frame. poster_uri() converts it to
 // a data URI that is small enough for the page.
 Image8 draw_poster(const std::shared_ptr<Device>& device, const MixedModel& model,
