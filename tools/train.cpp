@@ -58,16 +58,16 @@ struct TrainOptions {
 // Steps are measured with the number of splats of a run with this many iterations.
 constexpr int kFewIterations = 600;
 
-// Copies what a time budget has changed so far to the settings of the run.
+// Copies what a time budget or Ctrl-C has changed so far to the settings of the run.
 void take_pace(const Trainer& trainer, TrainSettings& settings) {
   settings.iterations = trainer.settings().iterations;
   settings.work_shares = trainer.settings().work_shares;
   settings.growth_end = trainer.settings().growth_end;
 }
 
-// After the first Ctrl-C in a run with a time budget: lets the run do the last part of its schedule and end.
+// After the first Ctrl-C: lets the run do the last part of its schedule and end.
 void complete_early(Trainer& trainer, const StepReport& report, Progress& progress) {
-  const double seconds = cooldown_seconds(report.seconds, report.seconds_left);
+  const double seconds = cooldown_seconds(report.seconds, report.expected_left());
   trainer.complete_in(seconds);
   progress.finish();
   remark("ubs: Ctrl-C: completing the schedule with a cool-down of about {}; ", duration_text(seconds));
@@ -243,11 +243,10 @@ check::Use use_of(const TrainSettings& settings, const TrainOptions& options) {
 
 // Does the work from the last iteration to the end of the run; `write` writes all results. This work may fail
 // because the disk is full, or the process may be killed. As long as there is a checkpoint, `ubs train
-// --resume` writes the results again, so the checkpoint is removed last. A run with a time budget keeps it
-// under another name, so that the run can be continued. If such a run was completed early, it keeps the state
-// from before the cool-down.
+// --resume` writes the results again, so the checkpoint gets another name last. From it, the finished run can
+// be continued. If the run was completed early, it keeps the state from before the cool-down.
 void finish(RunFolder& folder, RunKeeper& keeper, const Trainer& trainer, const TrainSettings& settings,
-            bool has_budget, const std::function<void()>& write) {
+            const std::function<void()>& write) {
   const auto& early = trainer.completed_from();
   const bool keeps_early = early && keeper.saved_iteration() == early->iteration;
   if (keeps_early) folder.keep_checkpoint();
@@ -263,10 +262,10 @@ void finish(RunFolder& folder, RunKeeper& keeper, const Trainer& trainer, const 
                 fmt::format("{}; resume from iteration {} with 'ubs train --resume {}' to write the results",
                             error.what(), keeper.saved_iteration(), shell_word(folder.path().string())));
   }
-  if (has_budget && !keeps_early)
-    folder.keep_checkpoint();
-  else
+  if (keeps_early)
     folder.remove_checkpoint();
+  else
+    folder.keep_checkpoint();
 }
 
 // Compiles the kernels for this rank's share of the splats; other ranks have the rest.
@@ -397,7 +396,7 @@ int run(const TrainOptions& options) {
   // From here on, files are changed, so signals are handled until the end. A signal after the last step does
   // not stop the writing of the results.
   beforehand.reset();
-  InterruptGuard guard(run.budget.seconds > 0);
+  InterruptGuard guard(ranks().size() == 1);
   begin(start, folder, trainer, options.talkative());
   const double preparation = since_start.seconds();
   if (run.budget.seconds > 0) {
@@ -429,7 +428,7 @@ int run(const TrainOptions& options) {
   const auto write_results = [&] {
     TrainSettings drawn = settings;
     drawn.background = trainer.drawn_settings().background;
-    if (budget_seconds > 0) folder.write_config(settings);
+    folder.write_config(settings);
     SplatModel model = trainer.model();
     scale_lengths(model, settings.unit);
     folder.save_model(model, model_comments(data, drawn, given_cameras));
@@ -462,11 +461,11 @@ int run(const TrainOptions& options) {
   if (outcome.interrupted)
     write_results();
   else
-    finish(folder, keeper, trainer, settings, budget_seconds > 0, write_results);
+    finish(folder, keeper, trainer, settings, write_results);
   if (live && !guard.must_end()) live->end();
   if (options.json) print_json(json);
   if (options.talkative()) {
-    print_summary(start, folder, trainer, outcome, peak_bytes, renders, budget_seconds > 0);
+    print_summary(start, folder, trainer, outcome, peak_bytes, renders);
     if (learnt != Background::Learnt::no)
       say("trained  background {}{}\n", fmt::join(trainer.drawn_settings().background.colour, ","),
           learnt == Background::Learnt::sky ? " (average over all directions)" : "");
@@ -507,7 +506,7 @@ Command add_train(CLI::App& root) {
       ->type_name("TIME");
   app->add_option("--resume", options->start.resume,
                   "resume the interrupted run in this output folder with its data and settings; with "
-                  "--budget +TIME also a finished run that had a time budget")
+                  "--budget +TIME also a finished run")
       ->type_name("DIR");
   app->add_flag("--any-device", options->start.any_device,
                 "with --resume: allow a different device; results will not be bit-identical")

@@ -63,7 +63,7 @@ void print_start(const Dataset& data, const Split& train, const Split& test, con
 }
 
 void print_summary(const Start& start, const RunFolder& folder, Trainer& trainer, const Outcome& outcome,
-                   std::uint64_t peak_bytes, std::size_t renders, bool has_budget) {
+                   std::uint64_t peak_bytes, std::size_t renders) {
   const auto& early = trainer.completed_from();
   say("{} after {} iterations, {:.1f} s: {} splats\n",
       outcome.interrupted ? "interrupted"
@@ -84,9 +84,8 @@ void print_summary(const Start& start, const RunFolder& folder, Trainer& trainer
   const std::string run = shell_word(start.out);
   if (outcome.interrupted)
     say("next     ubs train --resume {}{}\n", run,
-        early        ? fmt::format(" (continues after iteration {}, before the cool-down)", early->iteration)
-        : has_budget ? " (--budget +1m completes the schedule within a minute)"
-        : trainer.ranks().size() == 1 ? " (without --iterations, Ctrl-C completes the schedule)"
+        early ? fmt::format(" (continues after iteration {}, before the cool-down)", early->iteration)
+        : trainer.ranks().size() == 1 ? " (--budget +1m completes the schedule within a minute)"
                                       : "");
   else
     say("next     ubs report {0} (HTML report), ubs view {0} (in the browser), ubs render {0} --video "

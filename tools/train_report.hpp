@@ -35,7 +35,7 @@ std::string overfit_text(const Outcome& outcome);
 void print_start(const Dataset& data, const Split& train, const Split& test, const TrainSettings& settings,
                  const Device& device);
 void print_summary(const Start& start, const RunFolder& folder, Trainer& trainer, const Outcome& outcome,
-                   std::uint64_t peak_bytes, std::size_t renders, bool has_budget);
+                   std::uint64_t peak_bytes, std::size_t renders);
 
 // Returns metrics.json without the parts about files: storage and data report. `peak_bytes` is the peak
 // memory of training, and `spent` the part of Trainer::seconds() before the first iteration.

@@ -154,9 +154,6 @@ Start start_of(const StartOptions& options, const SettingsOptions& given, bool h
   TrainSettings settings = given.resolve(checkpoint.settings);
   check_same_settings(checkpoint.settings, settings);
   if (more_seconds) {
-    if (checkpoint.budget.seconds == 0)
-      fail(ErrorKind::usage, "--budget {}: the number of iterations of this run is fixed: remove --budget",
-           options.budget);
     checkpoint.budget.seconds = checkpoint.state.seconds + *more_seconds;
     if (checkpoint.is_finished()) checkpoint.budget.most_iterations += checkpoint.state.iteration;
   }

@@ -405,7 +405,7 @@ void check_same_settings(const TrainSettings& stored, const TrainSettings& wante
     if (std::string_view(before[i].key) == "iterations")
       fail(ErrorKind::usage,
            "cannot resume with iterations = {}: the run was started with iterations = {}, and its schedule "
-           "depends on that number: start a new run",
+           "depends on that number: pass --budget +TIME for another length, or start a new run",
            new_text, old_text);
     fail(
         ErrorKind::usage,

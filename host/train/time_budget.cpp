@@ -116,6 +116,25 @@ double WorkTime::sweeps_left(double share) const {
   return seconds;
 }
 
+void use_speed(TimeBudget& budget, const TrainSettings& settings, const Split& train,
+               const TrainProgress& progress, double swept) {
+  const std::vector<PyramidLevel> levels = pyramid_levels(settings, train);
+  const WorkShare work(settings);
+  const auto pixels = [](int factor) { return 1.0 / (factor * factor); };  // relative to full size
+  double done = 0;
+  for (int i = 1; i <= progress.iteration; ++i) done += pixels(factor_at(levels, work, i));
+  const double full_ms = 1e3 * (progress.seconds - swept) / std::max(done, 1.0);
+  const auto sweeps = std::ranges::count_if(
+      Schedule::camera_sweep_shares(), [&](double share) { return share <= work.at(progress.iteration); });
+  const double sweep_ms = 1e3 * swept / static_cast<double>(std::max(sweeps, std::ptrdiff_t{1}));
+  budget.most_iterations =
+      std::max({budget.most_iterations, settings.iterations, progress.iteration + kScheduleLength});
+  budget.first_iterations = settings.iterations;
+  for (const PyramidLevel& level : levels)
+    budget.costs.push_back(
+        {.factor = level.factor, .fixed_ms = full_ms * pixels(level.factor), .sweep_ms = sweep_ms});
+}
+
 double expected_seconds(int iterations, const std::vector<StepCost>& costs, const TrainSettings& base,
                         const Split& train, std::size_t points, const PictureFacts& pictures) {
   const TrainSettings s = fast_settings_for(base, iterations, points, pictures);

@@ -12,6 +12,7 @@
 #include "host/train/fast_settings.hpp"
 #include "host/train/pyramid.hpp"
 #include "host/train/schedule.hpp"
+#include "host/train/train_state.hpp"
 
 namespace ubs {
 
@@ -74,6 +75,12 @@ struct TimeBudget {
   std::vector<StepCost> costs;
   bool operator==(const TimeBudget&) const = default;
 };
+
+// Completes the budget of a run whose steps were not measured before it started. The costs of the steps are
+// estimated from the iterations so far, `swept` seconds of which were spent on camera sweeps. The time of a
+// step is assumed to be proportional to its number of pixels; BudgetPace corrects it during the run.
+void use_speed(TimeBudget& budget, const TrainSettings& settings, const Split& train,
+               const TrainProgress& progress, double swept);
 
 // Minimum number of iterations of a run with a time budget. Fewer iterations give no usable model.
 inline constexpr int kMinIterations = 100;

@@ -350,14 +350,20 @@ Metrics Trainer::evaluate_train(std::size_t most) {
 
 void Trainer::keep_to(const TimeBudget& budget) {
   if (ranks_.size() > 1) fail(ErrorKind::usage, "a time budget is not supported with several MPI processes");
-  pace_.emplace(budget, settings(), views_.train(), initial_);
   const bool begins = progress_.iteration == 0 && settings().work_shares.empty();
   if (begins) progress_.seconds = budget.spent;
-  pace_->begin(schedule_.work(), progress_.iteration, progress_.seconds, cameras_.swept_seconds());
+  begin_pace(budget);
   // A run that is resumed with another budget starts at the last point, so it needs a new one. In other
   // resumed runs, the last point is after the current iteration, because states are saved after the next
   // point has been set.
   if (begins || at_point()) set_pace(true);
+}
+
+void Trainer::begin_pace(TimeBudget budget) {
+  if (budget.costs.empty())
+    use_speed(budget, settings(), views_.train(), progress_, cameras_.swept_seconds());
+  pace_.emplace(std::move(budget), settings(), views_.train(), initial_);
+  pace_->begin(schedule_.work(), progress_.iteration, progress_.seconds, cameras_.swept_seconds());
 }
 
 bool Trainer::at_point() const {
@@ -372,11 +378,12 @@ void Trainer::set_pace(bool any_change) {
 }
 
 void Trainer::complete_in(double seconds) {
-  if (!pace_) fail(ErrorKind::internal, "only a run with a time budget can be completed early");
+  if (ranks_.size() > 1) fail(ErrorKind::internal, "a run of several ranks cannot be completed early");
   if (!completed_from_) completes_in_ = seconds;
 }
 
 void Trainer::complete(double seconds) {
+  if (!pace_) begin_pace({});
   TrainSettings changed = settings();
   pace_->complete(changed, progress_.iteration, progress_.seconds, cameras_.swept_seconds(), seconds,
                   splats());

@@ -46,6 +46,11 @@ struct StepReport {
   std::optional<double> loss;
   std::optional<Metrics> test;        // only present after an evaluation
   std::optional<SampledPsnr> sample;  // only present after a measurement of a few test views
+  // Returns seconds_left; without a time budget, returns an estimate from the iterations so far.
+  double expected_left() const {
+    if (seconds_left > 0 || iteration == 0) return seconds_left;
+    return seconds / iteration * (iterations - iteration);
+  }
 };
 
 // StateSaving determines when `save` is called with the state of the run: every `iterations` iterations and
@@ -74,20 +79,21 @@ class Trainer {
   void run(const std::function<bool(const StepReport&)>& on_step);
 
   // Adapts the length of the run to a time budget. The settings must be those that choose_iterations() has
-  // returned for this budget. The members iterations, work_shares and growth_end of settings() then change
-  // during the run. Must be called before the first iteration, or before run() continues a restored state.
-  // Not supported with several ranks.
+  // returned for this budget. In a run that was started without a budget, the budget has no costs, and they
+  // are estimated from the speed so far. The members iterations, work_shares and growth_end of settings()
+  // then change during the run. Must be called before the first iteration, or before run() continues a
+  // restored state. Not supported with several ranks.
   void keep_to(const TimeBudget& budget);
   // Makes run() also measure a few test views during the training, if this takes little time (TestSample).
   // This has no effect on the model. Must be called before run(). Has no effect with several ranks.
   void sample_test() { samples_ = true; }
-  // Ends a run with a time budget early. Within about `seconds` seconds, the run performs the last part of
+  // Ends the run early. Within about `seconds` seconds, the run performs the last part of
   // its schedule, in which the learning rates decrease to 0 (BudgetPace::complete). This part begins after
   // the next iteration, unless that is the last one. The state at this point is saved as requested by
   // on_state(), and no later state is saved, so that the run can also be resumed as if it had not been ended
-  // early. Must be called by on_step().
+  // early. Must be called by on_step(). Not supported with several ranks.
   void complete_in(double seconds);
-  // Prepares a finished run with a time budget to continue for about `seconds` seconds. It then repeats the
+  // Prepares a finished run to continue for about `seconds` seconds. It then repeats the
   // last part of its schedule with the current splats. Must be called after keep_to() and before run().
   void go_on_for(double seconds);
   // Returns the progress of the run when complete_in() took effect, or nothing if it did not.
@@ -182,6 +188,7 @@ class Trainer {
   void answer(const NonFiniteEvent& event, TrainState state);
   bool at_point() const;                   // whether the time budget must set the next point now
   void set_pace(bool any_change = false);  // see BudgetPace::advance()
+  void begin_pace(TimeBudget budget);
   void complete(double seconds);
 
   const TimeSource& time_;
@@ -199,7 +206,7 @@ class Trainer {
   LossLog losses_;
   TrainProgress progress_;
   Guard guard_;
-  std::optional<BudgetPace> pace_;      // only in a run with a time budget
+  std::optional<BudgetPace> pace_;      // only in a run with a time budget, or if it is completed early
   std::optional<double> completes_in_;  // set by complete_in(), until it takes effect
   std::optional<TrainProgress> completed_from_;
   bool whole_ = true, samples_ = false;

@@ -6,15 +6,19 @@
 
 namespace ubs {
 
-WorkShare::WorkShare(const TrainSettings& settings) : iterations_(settings.iterations) {
+WorkShare::WorkShare(const TrainSettings& settings) {
   SharePoint from;
   for (const SharePoint& point : share_points(settings)) {
     pieces_.push_back({from, point, reached(from, point)});
     from = pieces_.back().end;
     if (point.left_at > 0) left_.push_back(pieces_.back());
   }
-  const SharePoint end{iterations_, 1};
+  const SharePoint end{settings.iterations, 1};
   pieces_.push_back({from, end, end});
+  if (const Piece& first = pieces_.front(); first.to.share == 1) {
+    steps_ = first.to.iteration;
+    counted_ = first.end.iteration;
+  }
 }
 
 const WorkShare::Piece& WorkShare::piece_of(int iteration) const {
@@ -24,7 +28,6 @@ const WorkShare::Piece& WorkShare::piece_of(int iteration) const {
 }
 
 double WorkShare::at(int iteration) const {
-  if (pieces_.size() == 1) return static_cast<double>(iteration) / iterations_;
   const auto& [from, to, end] = piece_of(iteration);
   if (iteration >= to.iteration) return to.share;
   return from.share +
@@ -32,7 +35,7 @@ double WorkShare::at(int iteration) const {
 }
 
 double WorkShare::steps_at(int iteration) const {
-  return pieces_.size() == 1 ? iteration : kScheduleLength * at(iteration);
+  return iteration <= counted_ ? iteration : steps_ * at(iteration);
 }
 
 int WorkShare::Piece::iteration_at(double share) const {
@@ -44,8 +47,8 @@ int WorkShare::Piece::iteration_at(double share) const {
 }
 
 int WorkShare::iteration_at(double steps) const {
-  if (pieces_.size() == 1) return static_cast<int>(std::llround(steps));
-  const double share = steps / kScheduleLength;
+  if (steps <= counted_) return static_cast<int>(std::llround(steps));
+  const double share = steps / steps_;
   // If a piece ended before its point, its last iteration may be the nearest one to a larger share that the
   // piece did not reach. The run used this result while it was in the piece, so the result must remain the
   // same.
@@ -57,8 +60,7 @@ int WorkShare::iteration_at(double steps) const {
 }
 
 double WorkShare::iterations_per_share(int iteration) const {
-  if (pieces_.size() == 1) return iterations_;
-  iteration = std::min(iteration, iterations_);
+  iteration = std::min(iteration, pieces_.back().to.iteration);
   // When a run is continued after its end, the share decreases in one iteration, for which there is no speed.
   // Use the speed of the next iteration.
   if (const Piece& piece = piece_of(iteration); piece.to.share < piece.from.share) ++iteration;

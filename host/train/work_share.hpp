@@ -3,10 +3,11 @@
 // decision of a schedule is a function of this share. In a run of N iterations, the share after iteration i
 // is i/N. In a run with a time budget, the setting work_shares contains points (iteration, share), which are
 // added during the run (host/train/time_budget.hpp). The share is linear between these points, and from the
-// last point to (iterations, 1). If the time budget of a run changes, it may change its pace before it
-// reaches its next point. Such a point is stored together with the iteration after which the pace changed, so
-// that the shares up to this iteration remain bit-identical. After a point with the share 1, the share may
-// decrease. This happens if a finished run is continued, because it repeats the last part of its work.
+// last point to (iterations, 1). If the time that is left for a run changes, it may change its pace before it
+// reaches its next point, or the end if it has no points. Such a point is stored together with the iteration
+// after which the pace changed, so that the shares up to this iteration remain bit-identical. After a point
+// with the share 1, the share may decrease. This happens if a finished run is continued, because it repeats
+// the last part of its work.
 #pragma once
 
 #include <vector>
@@ -21,10 +22,11 @@ class WorkShare {
 
   // Returns the share of the work that is done after the iteration.
   double at(int iteration) const;
-  // Schedules use steps as a unit of the work. If the share is proportional to the iterations, a step is an
-  // iteration. Otherwise the whole work has kScheduleLength steps. steps() returns the number of steps of the
-  // whole work, and steps_at() the number of steps that are done after an iteration.
-  int steps() const { return pieces_.size() == 1 ? iterations_ : kScheduleLength; }
+  // Schedules use steps as a unit of the work. If the number of iterations was chosen when the run started, a
+  // step is an iteration of this run, also if the run was later given another time. Otherwise the whole work
+  // has kScheduleLength steps. steps() returns the number of steps of the whole work, and steps_at() the
+  // number of steps that are done after an iteration.
+  int steps() const { return steps_; }
   double steps_at(int iteration) const;
   // Returns the iteration that is nearest to this number of steps. For iterations up to the last point, the
   // result does not change when points are added later. If the run reaches this number of steps twice,
@@ -47,7 +49,8 @@ class WorkShare {
 
   std::vector<Piece> pieces_;  // the last one ends at the end of the run
   std::vector<Piece> left_;    // the pieces that end before their point `to`
-  int iterations_;
+  int steps_ = kScheduleLength;
+  int counted_ = 0;  // last iteration up to which each iteration is exactly one step
 };
 
 }  // namespace ubs

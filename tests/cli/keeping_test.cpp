@@ -70,7 +70,7 @@ TEST_CASE("cli: views of wide images have no opacity penalty unless the user set
     const Result stopped = shell(folder, "touch c.before; " + command +
                                              " & pid=$!\nuntil [ -e c/checkpoint.ubs ] && ! cmp -s "
                                              "c.before c/checkpoint.ubs; do sleep 0.1; done\n"
-                                             "kill -INT $pid; wait $pid; code=$?\n"
+                                             "kill -TERM $pid; wait $pid; code=$?\n"
                                              "cp c/checkpoint.ubs c.before; exit $code");
     INFO(command << ": " << stopped.err);
     CHECK(stopped.code == 130);

@@ -199,7 +199,7 @@ TEST_CASE("outputs: a copy of an interrupted run can be resumed") {
   synthesise(folder);
   ubs_ok(folder, train("whole", "", 1500));
   const Result result =
-      beside_training(folder, 1500, "kill -INT $pid; wait $pid; echo \"code $?\"; cp -r run moved");
+      beside_training(folder, 1500, "kill -TERM $pid; wait $pid; echo \"code $?\"; cp -r run moved");
   REQUIRE(result.out == "code 130\n");
   for (const char* out : {"run", "moved"}) {
     INFO(out);
@@ -324,7 +324,7 @@ TEST_CASE("outputs: two processes do not write into one folder") {
       fmt::format(
           "for a in '{} --overwrite' 'train --resume run --quiet'; do \"$ubs\" $a; echo \"code $?\"; done\n"
           "kill -9 $pid; wait $pid 2>/dev/null; \"$ubs\" train --resume run --quiet & pid=$!\n"
-          "sleep 2; kill -INT $pid; wait $pid; echo \"code $?\"",
+          "sleep 2; kill -TERM $pid; wait $pid; echo \"code $?\"",
           train("run")));
   INFO(result.err);
   CHECK(result.out == "code 2\ncode 2\ncode 130\n");  // the lock of the killed process is released

@@ -377,7 +377,7 @@ TEST_CASE("report: a page can contain killed and interrupted runs", "[cli]") {
   CHECK(contains(get(folder / "stderr.txt"), "model.ply is missing"));
   CHECK(contains(get(folder / "stdout.txt"), "N = 6"));
 
-  ended_run(folder, "stopped", SIGINT);
+  ended_run(folder, "stopped", SIGTERM);
   REQUIRE(json::parse(get(folder / "stopped/metrics.json"))["interrupted"] == true);
   ubs_ok(folder, "report still stopped killed --device cpu --views 1 --out three.html");
   page = read_page(folder / "three.html");

@@ -76,7 +76,7 @@ TEST_CASE("cli: a run that was killed or interrupted gives the same bytes when i
   check_error(folder, fmt::format("train {} --out killed", kRun), 2, "--resume killed");
   const std::regex says("With 0, a\\s+checkpoint is\\s+only written if the run is\\s+interrupted");
   CHECK(std::regex_search(get(UBS_SOURCE_DIR "/docs/training.md"), says));
-  interrupt_run(folder, "interrupted", SIGINT, "--checkpoint-every 0");
+  interrupt_run(folder, "interrupted", SIGHUP, "--checkpoint-every 0");
   interrupt_run(folder, "terminated", SIGTERM, "");
   for (const char* out : {"killed", "interrupted", "terminated"}) {
     INFO(out);
@@ -95,10 +95,12 @@ TEST_CASE("cli: a run that was killed or interrupted gives the same bytes when i
   check_error(folder, "train --resume whole", 2, "this run is finished");
 }
 
-TEST_CASE("cli: the first Ctrl-C completes a run with a time budget, and the second one ends it") {
+// `length` is the option for the length of the training. The training is always longer than the test.
+void check_ctrl_c(const std::string& length) {
+  INFO(length);
   const TempFolder folder;
   synthesise(folder);
-  const std::string train = "--data data --dim 3 --init-points 300 --cap-max 350 --log-every 1 --budget 1h";
+  const std::string train = "--data data --dim 3 --init-points 300 --cap-max 350 --log-every 1 " + length;
   const auto metrics = [&](const std::string& out) {
     return json::parse(get(folder / out / "metrics.json"));
   };
@@ -123,12 +125,12 @@ TEST_CASE("cli: the first Ctrl-C completes a run with a time budget, and the sec
   // reached its regular end is resumed at its last iteration, and the last part of the schedule is run once
   // more.
   CHECK_THAT(run.out, Contains("longer   ubs train --resume early --budget +5m"));
-  check_error(folder, "train --resume early", 2, "early: this run is finished: to continue it, pass");
   const int completed = early["ended_early"]["iteration"].get<int>();
   const Result on = ubs_ok(folder, "train --resume early --budget +1s");
   CHECK_THAT(on.out, Contains(fmt::format("resumed  at iteration {},", completed)));
   const json whole = metrics("early");
   CHECK(whole["ended_early"].is_null());
+  check_error(folder, "train --resume early", 2, "early: this run is finished: to continue it, pass");
   const Result longer = ubs_ok(folder, "train --resume early --budget +1s");
   const json last = metrics("early");
   CHECK_THAT(longer.out, Contains(fmt::format("resumed  at iteration {},", whole["iterations"].get<int>())));
@@ -160,6 +162,23 @@ TEST_CASE("cli: the first Ctrl-C completes a run with a time budget, and the sec
   CHECK(faulty_run(folder, "terminated", train, "log.csv", fault).code == 130);
   CHECK(metrics("terminated")["interrupted"] == true);
   CHECK(metrics("terminated")["ended_early"].is_null());
+}
+
+TEST_CASE("cli: the first Ctrl-C completes a run, and the second one ends it") {
+  check_ctrl_c("--budget 1h");
+  check_ctrl_c("--iterations 200000");
+}
+
+TEST_CASE("cli: a run that was completed early can be resumed without more time, as if it had not been") {
+  const TempFolder folder;
+  synthesise(folder);
+  ubs_ok(folder, fmt::format("train {} --out whole", kRun));
+  const Fault fault{.kinds = test::write_calls, .nth = 3, .action = Fault::signal, .number = SIGINT};
+  REQUIRE(faulty_run(folder, "early", kRun, "log.csv", fault).code == 130);
+  CHECK(get(folder / "early/model.ply") != get(folder / "whole/model.ply"));
+  ubs_ok(folder, "train --resume early --quiet");
+  CHECK(get(folder / "early/model.ply") == get(folder / "whole/model.ply"));
+  CHECK(get(folder / "early/config.yaml") == get(folder / "whole/config.yaml"));
 }
 
 TEST_CASE("cli: a checkpoint is not resumed in the folder of another run") {
@@ -212,7 +231,7 @@ TEST_CASE("cli: a run on a data path that is not valid text is resumed") {
 TEST_CASE("cli: a run that cannot be resumed is reported in one line") {
   const TempFolder folder;
   synthesise(folder);
-  interrupt_run(folder, "run", SIGINT, "--refine-cameras pose");
+  interrupt_run(folder, "run", SIGTERM, "--refine-cameras pose");
   CHECK(json::parse(get(folder / "run/cameras/transforms.json"))["frames"].size() == 8);
   check_error(folder, "train --resume nowhere", 3, "no checkpoint.ubs");
   check_error(folder, "train --resume run --out other", 2, "remove --out");
@@ -277,7 +296,7 @@ TEST_CASE("cli: a value that is not finite gives exit code 7, and the message co
   const test::LenientKernels kernels;
   const TempFolder folder;
   synthesise(folder);
-  interrupt_run(folder, "run", SIGINT, "");
+  interrupt_run(folder, "run", SIGTERM, "");
   make_glaring(folder / "run/checkpoint.ubs", folder / "data");
   const std::string bytes = get(folder / "run/checkpoint.ubs");
   const Result result = run_ubs(folder, "train --resume run --quiet");

@@ -116,7 +116,7 @@ class Campaign {
   void check_whole(const std::string& path, const std::string& bytes) const {
     if (path == "log.csv") return;  // this file grows line by line
     if (!scenario_.unfinished.empty() && path.find(scenario_.unfinished) != std::string::npos) return;
-    if (path == "checkpoint.ubs") {
+    if (path == "checkpoint.ubs" || path == "continue.ubs") {
       CHECK_NOTHROW(read_checkpoint(folder_ / "out" / path));
       return;
     }

@@ -31,7 +31,7 @@ std::string folder_of(const std::string& path) {
 
 // Returns an error in the order of the calls, or an empty text. The order is correct if, whenever the power
 // fails, every name in the folder belongs to a complete file, all reported results are on the disk, and
-// `last` is removed after all of them.
+// `last` is removed or renamed after all of them.
 std::string defect(const TracedRun& run, const std::string& last = "") {
   std::set<std::string> unsynced, fresh;  // files that were written to; folders with new names
   int renames = 0;
@@ -40,6 +40,10 @@ std::string defect(const TracedRun& run, const std::string& last = "") {
     const fs::path path = call.path;
     const std::string name = path.filename().string();
     if (is_any(name, {".ubs-lock", "stdout.txt", "stderr.txt"})) continue;  // irrelevant after a reboot
+    const bool removes = call.kind == remove_calls || call.kind == rename_calls;
+    if (removes && call.path == last && (!unsynced.empty() || !fresh.empty()))
+      return fmt::format("{} was removed before {} was on the disk", last,
+                         fmt::join(unsynced.empty() ? fresh : unsynced, ", "));
     const bool temporary = name.starts_with(".ubs-tmp-"), grows = name.ends_with(".log") || name == "log.csv";
     if (call.kind == write_calls) {
       if (!temporary && !grows) return fmt::format("{} is written in place", call.path);
@@ -54,10 +58,6 @@ std::string defect(const TracedRun& run, const std::string& last = "") {
       fresh.insert(folder_of(call.to));
     } else if (call.kind == make_calls) {
       fresh.insert(folder_of(call.path));
-    } else if (call.kind == remove_calls && call.path == last) {
-      if (!unsynced.empty() || !fresh.empty())
-        return fmt::format("{} was removed before {} was on the disk", last,
-                           fmt::join(unsynced.empty() ? fresh : unsynced, ", "));
     }
   }
   if (renames == 0) return "nothing was written";
@@ -107,7 +107,7 @@ TEST_CASE("durability: every writer synchronises the file before the rename and 
   }
 }
 
-TEST_CASE("durability: the checkpoint is removed when everything else is on the disk") {
+TEST_CASE("durability: the checkpoint gets another name when everything else is on the disk") {
   REQUIRE(can_trace());
   const TempFolder folder;
   prepare(folder);
@@ -115,16 +115,17 @@ TEST_CASE("durability: the checkpoint is removed when everything else is on the 
   INFO(run.err << "\n" << to_text(run.calls));
   REQUIRE(run.code == 0);
   CHECK(defect(run, "checkpoint.ubs") == "");
-  const auto removed = std::ranges::find_if(run.calls, [](const Call& call) {
-    return call.kind == remove_calls && call.path == "checkpoint.ubs" && call.result == 0;
+  const auto kept = std::ranges::find_if(run.calls, [](const Call& call) {
+    return call.kind == rename_calls && call.path == "checkpoint.ubs" && call.result == 0;
   });
-  REQUIRE(removed != run.calls.end());
+  REQUIRE(kept != run.calls.end());
+  CHECK(kept->to == "continue.ubs");
   for (const char* name :
        {"model.ply", "metrics.json", "config.yaml", "renders/r_000.png", "renders/r_001.png"})
-    CHECK(std::find_if(run.calls.begin(), removed, [&](const Call& call) {
+    CHECK(std::find_if(run.calls.begin(), kept, [&](const Call& call) {
             return call.kind == rename_calls && call.to == name;
-          }) != removed);
-  CHECK(std::none_of(removed, run.calls.end(), [](const Call& call) { return call.kind == rename_calls; }));
+          }) != kept);
+  CHECK(std::none_of(kept + 1, run.calls.end(), [](const Call& call) { return call.kind == rename_calls; }));
 }
 
 // Checks that the run is complete and equal to `whole`, and that no temporary file remains.
@@ -162,8 +163,8 @@ TEST_CASE("durability: a run that is killed at any rename or removal can be comp
     CHECK(run.signal == SIGKILL);
     const bool kept = fs::exists(folder / "run/checkpoint.ubs");
     resumed += kept;
-    // If the checkpoint has already been removed, the run is complete. If there is no checkpoint yet, the run
-    // is started again.
+    // If the checkpoint already has its other name, the run is complete. If there is no checkpoint yet, the
+    // run is started again.
     const bool done = !kept && fs::exists(folder / "run/metrics.json");
     if (!done) ubs_ok(folder, kept ? "train --resume run --quiet" : start);
     check_same_run(folder / "run", folder / "whole");

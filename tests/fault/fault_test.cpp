@@ -29,6 +29,7 @@ std::string without_times(const std::string& path, const std::string& bytes) {
   if (path.ends_with(".md")) return "a text";
   if (path.ends_with(".json")) return nlohmann::json::accept(bytes) ? "a JSON file" : "broken: " + bytes;
   if (path.ends_with("log.csv")) return without_seconds(bytes);
+  if (path == "continue.ubs") return "a state";
   return bytes;
 }
 

@@ -354,6 +354,77 @@ TEST_CASE("time budget: the settings of a finished or resumed run give the same 
     }
 }
 
+TEST_CASE("time budget: a run without a budget can be completed early, continued and repeated", "[budget]") {
+  const test::Data data = test::synthetic("glossy", 128, 4);
+  TrainSettings settings = budgeted_settings();
+  settings.pyramid = "2:0.5";
+  const std::function<void(Trainer&)> nothing = [](Trainer&) {};
+  for (const auto& device : devices_under_test()) {
+    std::vector<Kept> kept;
+    struct Ended {
+      TrainSettings settings;
+      TrainState state;
+    };
+    // Trains with a simulated clock. An iteration with images of half the size takes a quarter of the time of
+    // the others. If `from` is not null, resumes the run from this state. `begin` is called before run(), and
+    // complete_in(8) after iteration `early`.
+    const auto train = [&](const TrainSettings& with, const TrainState* from,
+                           const std::function<void(Trainer&)>& begin, int early = 0) {
+      test::SimulatedTime time;
+      Trainer trainer(*device, with, data.train, test::kNone, test::start(settings), alone(), time);
+      if (from) trainer.restore(*from);
+      begin(trainer);
+      trainer.on_state({0, 0, [&](const TrainState& state) { kept.push_back({state, trainer.settings()}); }});
+      const auto advance = [&] {
+        time.advance(WorkShare(trainer.settings()).at(trainer.iteration() + 1) <= 0.5 ? 0.1 : 0.4);
+      };
+      advance();
+      trainer.run([&](const StepReport& report) {
+        if (report.iteration == early) trainer.complete_in(8);
+        advance();
+        return true;
+      });
+      validate(trainer.settings());
+      return Ended{trainer.settings(), trainer.state()};
+    };
+    const Ended whole = train(settings, nullptr, nothing);
+    CHECK(whole.settings.work_shares.empty());
+
+    const Ended early = train(settings, nullptr, nothing, 74);
+    INFO(early.settings.iterations << " iterations, " << early.settings.work_shares);
+    CHECK(early.settings.work_shares.starts_with("250:1@75,76:0.85,"));
+    CHECK(early.state.seconds == Approx(7.5 + 8).margin(0.8));
+    check_repeats(*device, data, early.settings, early.state.model.values);
+    REQUIRE(kept.size() == 1);  // the state before the end of the schedule
+    CHECK(kept[0].settings.work_shares.empty());
+    const TrainState& before = kept[0].state;
+    const Ended resumed = train(settings, &before, nothing);
+    CHECK(resumed.settings.work_shares.empty());
+    CHECK(test::same_bits(resumed.state.model.values, whole.state.model.values));
+
+    // The rest of the schedule takes another time.
+    for (const double more : {10.0, 100.0}) {
+      TrainSettings changed = settings;
+      changed.work_shares = shares_until(settings, before.iteration);
+      const Ended other = train(
+          changed, &before, [&](Trainer& trainer) { trainer.keep_to({.seconds = before.seconds + more}); });
+      INFO(more << " s: " << other.state.seconds << ", " << other.settings.work_shares);
+      CHECK(other.state.seconds == Approx(before.seconds + more).margin(1));
+      CHECK(WorkShare(other.settings).steps() == 250);
+      check_repeats(*device, data, other.settings, other.state.model.values);
+    }
+    // The finished run continues.
+    const Ended longer = train(settings, &whole.state, [&](Trainer& trainer) {
+      trainer.keep_to({.seconds = whole.state.seconds + 20});
+      trainer.go_on_for(20);
+    });
+    INFO(longer.settings.work_shares);
+    CHECK(longer.settings.work_shares.starts_with("250:1,251:0.85,"));
+    CHECK(longer.state.seconds == Approx(whole.state.seconds + 20).margin(0.8));
+    check_repeats(*device, data, longer.settings, longer.state.model.values);
+  }
+}
+
 TEST_CASE("time budget: a run that was ended early can be repeated, and resumed with its full time",
           "[budget]") {
   const test::Data data = test::synthetic("glossy", 32, 4);

@@ -55,17 +55,25 @@ std::vector<PyramidLevel> levels_of(const TrainSettings& settings) {
 }  // namespace
 
 TEST_CASE("work share: a continued run repeats the last part of its schedule", "[schedule]") {
-  const std::string first = "60:0.5,100:1";
-  const WorkShare before(settings_of(100, first)), work(settings_of(200, first + ",101:0.85,150:0.9"));
-  for (int i = 1; i <= 100; ++i) CHECK(work.at(i) == before.at(i));
-  CHECK(work.at(101) == 0.85);
-  CHECK(work.at(150) == 0.9);
-  CHECK(work.at(200) == 1);
-  for (const double share : {0.3, 0.5, 0.85, 0.95, 1.0})
-    CHECK(work.iteration_at(share * work.steps()) == before.iteration_at(share * before.steps()));
-  CHECK(work.iterations_per_share(101) == Approx(49 / 0.05));  // from iteration 101 to 150
-  const Schedule schedule(settings_of(200, first + ",101:0.85,150:0.9"), 1000);
-  for (int i = 101; i <= 200; ++i) CHECK_FALSE(schedule.refines(i));
+  // The run had a time budget, or its number of iterations was chosen when it started.
+  for (const auto& [asked, ended] : {std::pair{"60:0.5,100:1", "60:0.5,100:1"}, {"", "100:1"}}) {
+    INFO(ended);
+    const TrainSettings longer = settings_of(200, ended + std::string(",101:0.85,150:0.9"));
+    const WorkShare before(settings_of(100, asked)), work(longer);
+    CHECK(work.steps() == before.steps());
+    for (int i = 1; i <= 100; ++i) {
+      CHECK(work.at(i) == before.at(i));
+      CHECK(work.steps_at(i) == before.steps_at(i));
+    }
+    CHECK(work.at(101) == 0.85);
+    CHECK(work.at(150) == 0.9);
+    CHECK(work.at(200) == 1);
+    for (const double share : {0.3, 0.5, 0.85, 0.95, 1.0})
+      CHECK(work.iteration_at(share * work.steps()) == before.iteration_at(share * before.steps()));
+    CHECK(work.iterations_per_share(101) == Approx(49 / 0.05));  // from iteration 101 to 150
+    const Schedule schedule(longer, 1000);
+    for (int i = 101; i <= 200; ++i) CHECK_FALSE(schedule.refines(i));
+  }
 
   CHECK_THAT(message_of([] { WorkShare(settings_of(200, "60:0.5,100:0.4")); }, ErrorKind::usage),
              Catch::Contains("the first invalid entry follows '60:0.5'"));
@@ -148,9 +156,12 @@ TEST_CASE("work share: changing the schedule between two points does not change 
           "[schedule]") {
   std::mt19937 random(3);
   int tested = 0;
-  for (int run = 0; run < 200; ++run) {
-    const TrainSettings before = random_course(random, 1 + run % 12);
-    INFO(before.work_shares);
+  for (int run = 0; run < 300; ++run) {
+    // Every third run has no points, because its number of iterations was chosen when it started.
+    const TrainSettings before = run % 3 == 0
+                                     ? settings_of(std::uniform_int_distribution<int>(2, 2000)(random))
+                                     : random_course(random, 1 + run % 12);
+    INFO(before.iterations << " iterations " << before.work_shares);
     const int at = std::uniform_int_distribution<int>(1, before.iterations - 1)(random);
     TrainSettings after = before;
     std::vector<SharePoint> course = share_points(before);

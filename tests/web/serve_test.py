@@ -259,10 +259,10 @@ def figures(folder):
         state = served.state()
         assert 200 <= len(state["loss"]) < 400 and state["loss"][0][0] == 1
         assert state["loss"][-1][0] > state["iteration"] - 100
-        served.end(130, signal.SIGINT)
+        served.end(130, signal.SIGTERM)
 
 
-# After Ctrl-C, the model is saved and the program ends, even if viewers hold open connections or wait for images.
+# After SIGTERM, the model is saved and the program ends, even if viewers hold open connections or wait for images.
 def interrupt(folder):
     synthesise(folder)
     with Served(folder, *train(folder, "run", 1000000), "--serve-share", 0.1) as served:
@@ -276,7 +276,7 @@ def interrupt(folder):
         with contextlib.suppress(ConnectionError):
             for _ in range(1000):
                 send(piping, "/state")
-        served.process.send_signal(signal.SIGINT)
+        served.process.send_signal(signal.SIGTERM)
         with contextlib.suppress(ConnectionError):
             status, _, body = answer(waiting.makefile("rb"))
             assert status == 410 and b"ended" in body, (status, body)
@@ -298,7 +298,7 @@ def visitors(folder):
             assert served.picture(lens(camera, width=wrong))[0] == 400, wrong
         before = served.state()["iteration"]
         until(lambda: served.state()["iteration"] > before)
-        served.end(130, signal.SIGINT)
+        served.end(130, signal.SIGTERM)
     assert (folder / "run" / "model.ply").exists()
 
 
@@ -319,7 +319,7 @@ def view(folder):
         status, _, data = served.picture({**camera, "translation": [0, 0, 0], "fx": 1e4, "fy": 1e4})
         assert status == 200 or (status == 500 and data.startswith(b"the view is too expensive")), data
         assert served.picture(camera, exact=True)[2] == truth
-        served.end(130, signal.SIGINT)
+        served.end(130, signal.SIGTERM)
 
 
 # Ctrl-C ends the program while an expensive image is rendered.
@@ -332,7 +332,7 @@ def heavy(folder):
         # The first answer is sent when the server begins to render the second image.
         ready, _, _ = select.select(waiting, [], [], 600)
         assert ready
-        served.end(130, signal.SIGINT)
+        served.end(130, signal.SIGTERM)
         answered = 0
         for link in waiting:
             with contextlib.suppress(ConnectionError):
@@ -358,13 +358,13 @@ def desktop(folder):
             until(opened.exists)
             process, address = opened.read_text().split(" ", 1)
             assert address == served.url, (address, served.url)
-            served.end(130, signal.SIGINT)
+            served.end(130, signal.SIGTERM)
             os.kill(int(process), signal.SIGKILL)  # the process still exists, because the browser stays open
         opened.unlink()
     # If there is no desktop or xdg-open fails, only the address is printed.
     with Served(folder, "view", folder / "run", desktop=path) as served:
         first_picture(served)
-        served.end(130, signal.SIGINT)
+        served.end(130, signal.SIGTERM)
     assert not opened.exists()
     program.write_text(f"#!/bin/sh\n{note}\nexit 3\n")
     with Served(folder, "view", folder / "run", desktop={**path, "DISPLAY": ":97"}) as served:
@@ -481,13 +481,13 @@ def flooded(folder, seconds, *options):
         stop.set()
         for thread in others:
             thread.join()
-        served.process.send_signal(signal.SIGINT)
+        served.process.send_signal(signal.SIGTERM)
         served.end(130)
     assert not failures, failures
     assert counts["answered"] > 0, counts
     with Served(folder, *train(folder, "alone", 1000000)) as served:  # no viewer sends requests
         until(lambda: len(losses(folder, "alone")) > 10)
-        served.process.send_signal(signal.SIGINT)
+        served.process.send_signal(signal.SIGTERM)
         served.end(130)
     for one, other in zip(losses(folder, "alone"), losses(folder, "flooded")):
         assert one == other, (one, other)
@@ -545,10 +545,10 @@ def growth(folder, rounds):
     ubs(*train(folder, "run", 100))
     with Served(folder, "view", folder / "run", folder / "data") as served:
         viewed = grown(served, rounds)
-        served.end(130, signal.SIGINT)
+        served.end(130, signal.SIGTERM)
     with Served(folder, *train(folder, "long", 1000000, log=1000), "--serve-share", 50) as served:
         trained = grown(served, rounds)
-        served.end(130, signal.SIGINT)
+        served.end(130, signal.SIGTERM)
     # Observed: 0.04 MB, and 0.20 MB with 4000 requests (Debian 12, two cores). A large image has 0.2 MB of pixels.
     assert max(viewed, trained) < 0.4e6, (viewed, trained)
     return f"{10 * rounds} requests: {viewed / 1e6:.2f} MB with ubs view, {trained / 1e6:.2f} MB with ubs train"
@@ -588,7 +588,7 @@ def pages(folder):
             wait(page, "L.state && L.state.loss.length > 2", "the page receives no losses")
             assert "iteration" in page.run("document.querySelector('.facts').textContent")
             assert page.run("document.querySelector('.loss').getAttribute('points').split(' ').length") > 2
-            served.process.send_signal(signal.SIGINT)
+            served.process.send_signal(signal.SIGTERM)
             wait(page, "!document.querySelector('.message').hidden", "the page does not show the end")
             assert "ended" in page.run("document.querySelector('.message').textContent")
             page.run("document.querySelector('.panel').open = true")
@@ -610,7 +610,7 @@ def pages(folder):
             page.run("L.canvas.focus()")
             page.key("p")
             assert page.run("L.saved.startsWith('data:image/png;') && L.saved.length > 1000")
-            served.end(130, signal.SIGINT)
+            served.end(130, signal.SIGTERM)
             assert_no_complaints(page)
     finally:
         page.close()

@@ -134,6 +134,7 @@ void RunFolder::begin(TrainSettings settings) {
 }
 
 void RunFolder::write_config(TrainSettings settings) {
+  if (!writes_) return;
   write_file_atomically(config_file(), kConfigHeader + to_yaml(bind_fields(settings, train_fields())));
 }
 
@@ -172,12 +173,10 @@ void RunFolder::check_same_run(const Checkpoint& checkpoint, const fs::path& fro
   TrainSettings config;
   try {
     load_yaml(bind_fields(config, train_fields()), config_file());
-    // These settings change during the run, and config.yaml is written before the checkpoint.
-    if (checkpoint.budget.seconds > 0) {
-      config.iterations = checkpoint.settings.iterations;
-      config.work_shares = checkpoint.settings.work_shares;
-      config.growth_end = checkpoint.settings.growth_end;
-    }
+    // These settings may change during the run, and config.yaml is written before the checkpoint.
+    config.iterations = checkpoint.settings.iterations;
+    config.work_shares = checkpoint.settings.work_shares;
+    config.growth_end = checkpoint.settings.growth_end;
     check_same_settings(config, checkpoint.settings);
   } catch (const Error& error) {
     refuse(config_file(), error.what());

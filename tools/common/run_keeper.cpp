@@ -14,18 +14,18 @@ Checkpoint open_checkpoint(const fs::path& folder, bool more_time) {
   const RunFolder run(folder);
   const fs::path file = path_exists(run.checkpoint()) ? run.checkpoint() : run.continuation();
   if (path_exists(file)) {
-    if (file == run.continuation() && !more_time)
+    Checkpoint checkpoint = read_checkpoint(file);
+    run.check_same_run(checkpoint, file);
+    if (file == run.continuation() && checkpoint.is_finished() && !more_time)
       fail(ErrorKind::usage,
            "{}: this run is finished: to continue it, pass additional time, such as --budget +5m",
            folder.string());
-    Checkpoint checkpoint = read_checkpoint(file);
-    run.check_same_run(checkpoint, file);
     return checkpoint;
   }
   if (path_exists(run.model()))
     fail(ErrorKind::usage,
-         "{}: this run is finished (it has a model and no checkpoint) and cannot be extended, because its "
-         "schedule depends on --iterations: start a new run",
+         "{}: this run is finished, and it has no continue.ubs from which it could be continued: start a new "
+         "run",
          folder.string());
   fail(ErrorKind::data, "{}: no checkpoint.ubs in this folder", folder.string());
 }
@@ -44,7 +44,7 @@ bool RunKeeper::save(const TrainState& state, const TrainSettings& settings) {
   } catch (const Error&) {  // a warning was printed when writing the row failed
   }
   try {
-    if (run_.budget.seconds > 0 && folder_.writes()) folder_.write_config(settings);
+    folder_.write_config(settings);
     write_checkpoint(folder_.checkpoint(), run_, ranks());
   } catch (const Error& error) {
     warn("could not write the checkpoint at iteration {}: {}; {}", state.iteration, error.what(),

@@ -9,9 +9,9 @@
 
 namespace ubs::tools {
 
-// Opens the checkpoint in the folder of an unfinished run. With `more_time`, also opens that of a finished
-// run that can be continued. Throws Error(usage) if the run is finished. Throws Error(data) if there is no
-// checkpoint, if it cannot be read, or if it belongs to another run.
+// Opens the checkpoint in the folder of an unfinished run, or of a run that was completed early. With
+// `more_time`, also opens that of a finished run. Throws Error(usage) if the run is finished. Throws
+// Error(data) if there is no checkpoint, if it cannot be read, or if it belongs to another run.
 Checkpoint open_checkpoint(const std::filesystem::path& folder, bool more_time);
 
 class RunKeeper {

@@ -32,12 +32,6 @@ constexpr auto kUnlimited = std::numeric_limits<std::uint64_t>::max();
 constexpr double kLastPictures = 2, kWatched = 10, kFresh = 1, kAway = 90;
 constexpr std::chrono::milliseconds kWait{1000};
 
-// Returns the remaining time that the run reports, or an estimate from the iterations so far.
-double seconds_left(const StepReport& report) {
-  if (report.seconds_left > 0 || report.iteration == 0) return report.seconds_left;
-  return report.seconds * (report.iterations - report.iteration) / report.iteration;
-}
-
 // Returns the camera of the poster, which is the initial camera with fewer pixels.
 Camera poster_camera(const Scene& scene) {
   Camera camera = scene.cameras.at(scene.start).camera;
@@ -138,7 +132,7 @@ struct LiveTraining::Implementation {
     Json state{{"iteration", report.iteration},
                {"iterations", report.iterations},
                {"seconds", report.seconds},
-               {"left", seconds_left(report)},
+               {"left", report.expected_left()},
                {"splats", report.splats},
                {"memory", device.allocated_bytes()},
                {"peak", device.peak_bytes()},
