@@ -53,6 +53,12 @@ class Failure(Exception):
         self.code = code
 
 
+def need(condition, where, message, code=DATA):
+    """Raises an error about a file, a folder or an option if the condition is not met."""
+    if not condition:
+        raise Failure(code, f"{where}: {message}")
+
+
 def read_json(path):
     """Returns the content of a file, or nothing if it is missing or damaged."""
     try:
@@ -143,11 +149,6 @@ class Loader(yaml.BaseLoader):
         return mapping
 
 
-def need(condition, where, message):
-    if not condition:
-        raise Failure(DATA, f"{where}: {message}")
-
-
 def checked(value, schema, where):
     """Returns the value if it matches the schema. An empty value is an empty mapping."""
     if schema is ANY:
@@ -229,6 +230,7 @@ class Run:
         self.state, self.reason, self.code = state, reason, code
 
     def compared(self, key):
+        """Returns the values of a metric and their difference; None where there is none."""
         ours, paper = self.values.get(key), self.paper.get(key)
         return {"ours": ours, "published": paper, "difference": None if None in (ours, paper) else ours - paper}
 
@@ -251,8 +253,7 @@ def make_plan(spec, options):
                                  ("--task", options.task, lambda run: {run.id})):
         known = set().union(*map(names, runs))
         for name in given:
-            if name not in known:
-                raise Failure(USAGE, f"{option}: unknown name '{name}'; there are: {', '.join(sorted(known))}")
+            need(name in known, option, f"unknown name '{name}'; there are: {', '.join(sorted(known))}", USAGE)
         runs = [run for run in runs if not given or names(run) & set(given)]
     for run in runs:
         run.folder = options.out / "runs" / run.id.replace("/", ".")
@@ -337,7 +338,8 @@ def measure(run, options):
         if width:
             found = ask(options.ubs, "info", str(run.data), "--spec", str(folder / "config.yaml"))
             used = found["splits"]["train"]["sizes"][0][0]
-            run.changes += [f"images {used} px wide (published: about {width})"] if used != int(width) else []
+            if abs(used / int(width) - 1) > 0.05:  # published widths are approximate
+                run.changes.append(f"images {used} px wide (published: about {width})")
         if "psnr" in run.values and ("fps" not in run.values or (lpips and "lpips" not in run.values)):
             call([options.ubs, "eval", "--model", folder, "--data", run.data, "--out", folder / "eval.json",
                   "--overwrite", *lpips], folder / "measure.log")
@@ -472,7 +474,7 @@ def execute(spec, runs, options):
     """Trains and measures unfinished runs, and writes the tables after each run. Returns the exit code of the first
     failed run."""
     for number, run in enumerate(runs, 1):
-        name, interruption = f"[{number}/{len(runs)}] {run.id}", None
+        name = f"[{number}/{len(runs)}] {run.id}"
         try:
             if run.state == "not run":
                 print(f"{name}: training on {run.data}, log {run.folder / 'train.log'}", file=sys.stderr)
@@ -481,29 +483,28 @@ def execute(spec, runs, options):
                 measure(run, options)
         except (Failure, OSError) as error:
             run.end("failed", str(error), getattr(error, "code", DATA))
-        except KeyboardInterrupt as error:
-            interruption = error
+        except KeyboardInterrupt:
             run.end("interrupted", f"its results so far are in {run.folder}")
             load(run)  # after the last iteration, a signal has no effect
-        psnr = f", PSNR {run.values['psnr']:.2f} dB" if "psnr" in run.values else ""
-        print(f"{name}: {run.state}{psnr}{', ' if run.reason else ''}{run.reason}", file=sys.stderr)
-        text = write_tables(spec, runs, options)
-        if interruption:
-            raise interruption
+            raise
+        finally:
+            psnr = f", PSNR {run.values['psnr']:.2f} dB" if "psnr" in run.values else ""
+            print(f"{name}: {run.state}{psnr}{', ' if run.reason else ''}{run.reason}", file=sys.stderr)
+            text = write_tables(spec, runs, options)
     print(text, end="")
     return next((run.code for run in runs if run.state == "failed"), 0)
 
 
 def command(options):
+    """Does what the options ask for and returns the exit code."""
     for path in (options.root, options.lpips_weights):
-        if path and not os.path.exists(path):
-            raise Failure(DATA, f"{path}: no such file or folder")
+        need(not path or os.path.exists(path), path, "no such file or folder")
     ask(options.ubs, "train", "--print-settings")  # fails if this is not the executable
     spec = load_experiment(options.spec)
     options.out = options.out or pathlib.Path("out") / spec["name"]
     runs = make_plan(spec, options)
-    if not any(run.data for run in runs):
-        raise Failure(DATA, f"{options.root}: no data of any of the {len(runs)} runs; {runs[0].id}: {runs[0].reason}")
+    need(any(run.data for run in runs), options.root,
+         f"no data of any of the {len(runs)} runs; {runs[0].id}: {runs[0].reason}")
     if options.dry_run:
         dry_run(runs, options)
     elif options.emit_tasks:
@@ -513,8 +514,8 @@ def command(options):
                 print(json.dumps({"id": run.id, "command": shlex.join([*words, "--task", run.id])}))
     else:
         options.out.mkdir(parents=True, exist_ok=True)
-        if any(options.out.iterdir()) and not (options.resume or options.task):
-            raise Failure(USAGE, f"{options.out} is not empty: continue with --resume, or choose another --out")
+        need(options.resume or options.task or not any(options.out.iterdir()), options.out,
+             "is not empty: continue with --resume, or choose another --out", USAGE)
         return execute(spec, runs, options)
     return 0
 
@@ -522,9 +523,7 @@ def command(options):
 def parse(arguments):
     built = pathlib.Path(__file__).resolve().parent.parent / "build" / "ubs"
     ubs = str(built) if built.exists() else "ubs"
-    parser = argparse.ArgumentParser(description="Trains the runs of an experiment and compares the results with "
-                                     "published ones.", epilog="See docs/experiments.md for details.",
-                                     allow_abbrev=False)
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0], allow_abbrev=False)
     add = parser.add_argument
     add("spec", type=pathlib.Path, help="experiment, such as data_specs/experiments/main_table.yaml")
     add("--root", metavar="DIR", type=pathlib.Path, required=True, help="folder that contains the data sets")

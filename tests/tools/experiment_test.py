@@ -381,7 +381,7 @@ class Run(Case):
         self.assertEqual({key: cube["metrics"][key]["ours"] for key in ("psnr", "fps", "minutes", "splats")},
                          {"psnr": 31, "fps": 250, "minutes": 2, "splats": 900})
         self.assertEqual((self.starts(), len(self.lines("evals"))), (2, 2))
-        self.assertIn("out/e is not empty: continue with --resume", self.refused(2))
+        self.assertIn("out/e: is not empty: continue with --resume", self.refused(2))
         self.assertEqual(self.table("--resume")["sphere"]["metrics"]["psnr"]["ours"], 20.25)
         self.assertEqual((self.starts(), len(self.lines("evals"))), (2, 2))
         again = self.table("--resume", "--set", "iterations=401")
