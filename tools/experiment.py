@@ -434,39 +434,35 @@ def markdown(spec, runs, lines):
     done, source = [run for run in runs if run.state == "done"], spec["published"]["source"]
     changes = grouped((run.id, ", ".join(run.changes)) for run in done)
     missing = grouped((run.id, f"{run.state}: {run.reason}") for run in runs if run.reason)
-    parts = [f"# {spec.get('title', spec['name'])}", f"{datetime.date.today()}. Values after the last iteration."]
-    if source:
-        parts.append(f"Difference: ours minus paper. Published values: {source}")
-    if "notes" in spec:
-        parts.append(spec["notes"])
-    if changes:
-        parts += ["**Not the published settings or image sizes**, so a difference to the paper is expected:", changes]
-    elif source:
-        parts.append("All runs have the published settings and image sizes.")
+    origins = {"{device[name]} ({device[platform]}); ubs {version}, build {build}, commit {commit}".format(**run.record)
+               for run in done}
+    paragraphs = [
+        f"# {spec.get('title', spec['name'])}", f"{datetime.date.today()}. Values after the last iteration.",
+        source and f"Difference: ours minus paper. Published values: {source}", spec.get("notes"),
+        changes and "**Not the published settings or image sizes**, so a difference to the paper is expected:", changes,
+        source and not changes and "All runs have the published settings and image sizes."]
     for data in spec["sets"]:
         if own := [run for run in lines if run.set is data]:
-            parts += [f"## {data.get('title', data['name'])}", set_table(own)]
-    if missing:
-        parts += ["## Not in the table", missing]
-    parts += ["## Metrics and settings", grouped((heading, text) for heading, _, _, text in shown(lines).values())]
-    for origin in dict.fromkeys("{device[name]} ({device[platform]}); ubs {version}, build {build}, commit {commit}"
-                                .format(**run.record) for run in done):
-        parts.append(f"Measured with: {origin}")
-    parts += [f"    {shlex.join(sys.orig_argv)}",
-              "All settings of every run: `table.json`, and `config.yaml` in its folder."]
-    return "\n\n".join(parts) + "\n"
+            paragraphs += [f"## {data.get('title', data['name'])}", set_table(own)]
+    paragraphs += [
+        missing and "## Not in the table", missing,
+        "## Metrics and settings", grouped((heading, text) for heading, _, _, text in shown(lines).values()),
+        *(f"Measured with: {origin}" for origin in sorted(origins)), f"    {shlex.join(sys.orig_argv)}",
+        "All settings of every run: `table.json`, and `config.yaml` in its folder."]
+    return "\n\n".join(paragraph for paragraph in paragraphs if paragraph) + "\n"
 
 
 def dry_run(runs, options):
     """Prints the runs and the hours that `ubs plan` expects of each."""
     total = 0
     for run in runs:
-        text = f"{run.state}: {run.reason}"
+        print(f"{run.id}: ", end="", flush=True)
         if run.state == "not run":
             seconds = run.budget or ask(options.ubs, "plan", "--data", str(run.data), *run.arguments)["seconds"]
             total += seconds
-            text = f"{seconds / 3600:.3f} h, {run.data}"
-        print(f"{run.id}: {text}", flush=True)
+            print(f"{seconds / 3600:.3f} h, {run.data}")
+        else:
+            print(f"{run.state}: {run.reason}")
     print(f"\nestimated total: {total / 3600:.3f} hours, without loading and evaluation")
 
 
