@@ -7,7 +7,7 @@ An experiment (data_specs/experiments/*.yaml) has rows, which are settings with 
 settings, starts `ubs train` and `ubs eval` for one run after another, and writes the tables after each.
 
 The files of a run are in OUT/runs/ROW.SET.SCENE. Before the training, this program writes job.json there, which states
-the settings and data of the run. At the end of the training, `ubs` writes metrics.json and removes checkpoint.ubs.
+the settings and data of the run. At the end of the training, `ubs` writes metrics.json and renames checkpoint.ubs.
 
 Requires the executable `ubs` and PyYAML (Debian: python3-yaml). Exit codes are those of `ubs` (README.md).
 """
@@ -411,8 +411,28 @@ def grouped(pairs):
     return "\n".join(f"- {', '.join(names[text])}: {text}" for text in names if text)
 
 
+def markdown_table(rows):
+    """Returns a table in Markdown. The first row is the heading."""
+    return "\n".join("| " + " | ".join(cell.replace("|", "/").replace("\n", " ") for cell in cells) + " |"
+                     for cells in (rows[0], ["---"] * len(rows[0]), *rows[1:]))
+
+
+def overview(lines):
+    """Returns a table with a line for each scene and a column for each row: the PSNR, and the training time. If there
+    is only one row, returns nothing."""
+    cells = {}
+    for run in lines:
+        if run.scene != AVERAGE:
+            ours = run.values
+            cells.setdefault("mean" if run.scene == "mean" else run.title, {})[run.row.get("label", run.row["name"])] = (
+                f"{ours['psnr']:.2f} dB, {60 * ours['minutes']:.0f} s" if "psnr" in ours else "–")
+    methods = list(dict.fromkeys(method for by_method in cells.values() for method in by_method))
+    rows = [[scene, *(by_method.get(method, "–") for method in methods)] for scene, by_method in cells.items()]
+    return markdown_table([["scene", *methods], *rows]) if len(methods) > 1 else ""
+
+
 def set_table(lines):
-    """Returns the table of one data set in Markdown."""
+    """Returns the table of one data set in Markdown, with a line for each run."""
     columns, table = [], []  # a column: heading, key of the metric, which of the compared values, format
     for key, (heading, decimals, quality, _) in shown(lines).items():
         published = any(key in run.paper for run in lines)
@@ -424,9 +444,7 @@ def set_table(lines):
         table.append([run.row.get("label", run.row["name"]),
                       run.title if run.state == "done" else f"{run.title} ({run.state})",
                       *("–" if value is None else format(value, form) for value, form in values)])
-    head = ["method", "scene", *(heading for heading, *_ in columns)]
-    return "\n".join("| " + " | ".join(cell.replace("|", "/").replace("\n", " ") for cell in cells) + " |"
-                     for cells in (head, ["---"] * len(head), *table))
+    return markdown_table([["method", "scene", *(heading for heading, *_ in columns)], *table])
 
 
 def markdown(spec, runs, lines):
@@ -443,7 +461,8 @@ def markdown(spec, runs, lines):
         source and not changes and "All runs have the published settings and image sizes."]
     for data in spec["sets"]:
         if own := [run for run in lines if run.set is data]:
-            paragraphs += [f"## {data.get('title', data['name'])}", set_table(own)]
+            compared = any(run.paper for run in own)
+            paragraphs += [f"## {data.get('title', data['name'])}", not compared and overview(own), set_table(own)]
     paragraphs += [
         missing and "## Not in the table", missing,
         "## Metrics and settings", grouped((heading, text) for heading, _, _, text in shown(lines).values()),

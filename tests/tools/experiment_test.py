@@ -540,6 +540,9 @@ class Run(Case):
         self.assertEqual(starts[0].split(" --overwrite ")[1], "--budget 40s")
         self.assertEqual(starts[3].split(" --overwrite ")[1], "--budget 40s --set=cap_max=2000 --set=dim=3")
         text = (self.folder / "out/e/table.md").read_text()
+        self.assertIn("\n| scene | a | Method B |\n| --- | --- | --- |\n| cube | 31.00 dB, 120 s | 31.00 dB, 120 s |\n"
+                      "| the sphere | 20.25 dB, 240 s | 20.25 dB, 240 s |\n"
+                      "| mean | 25.62 dB, 180 s | 25.62 dB, 180 s |\n", text)
         self.assertIn("\n| method | scene | PSNR [dB] | SSIM | training [min] | FPS | splats | MiB |\n", text)
         self.assertIn("| Method B | the sphere | 20.25 | 0.500 | 4.0 |", text)
         self.assertNotIn("paper", text.split("Measured with")[0])
