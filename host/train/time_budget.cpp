@@ -24,6 +24,9 @@ constexpr double kFresh = 0.5;  // weight of the latest measurement in slowness_
 constexpr int kPoints = 100, kPointsOfRest = 10;
 // Used by cooldown_seconds(): a share of the training time, and a minimum and a maximum in seconds.
 constexpr double kCooldownShare = 0.1, kLeastCooldown = 5, kMostCooldown = 60;
+// Minimum of the time for the rest of a run whose budget was changed, relative to the time of its camera
+// sweeps. Less time would leave too few iterations between the sweeps.
+constexpr double kSweepTimes = 2;
 // Growth ends when the number of splats exceeds this multiple of the number that the current number of
 // iterations can train.
 constexpr double kSpareSplats = 2;
@@ -124,15 +127,11 @@ void use_speed(TimeBudget& budget, const TrainSettings& settings, const Split& t
   double done = 0;
   for (int i = 1; i <= progress.iteration; ++i) done += pixels(factor_at(levels, work, i));
   const double full_ms = 1e3 * (progress.seconds - swept) / std::max(done, 1.0);
-  const auto sweeps = std::ranges::count_if(
-      Schedule::camera_sweep_shares(), [&](double share) { return share <= work.at(progress.iteration); });
-  const double sweep_ms = 1e3 * swept / static_cast<double>(std::max(sweeps, std::ptrdiff_t{1}));
   budget.most_iterations =
       std::max({budget.most_iterations, settings.iterations, progress.iteration + kScheduleLength});
   budget.first_iterations = settings.iterations;
   for (const PyramidLevel& level : levels)
-    budget.costs.push_back(
-        {.factor = level.factor, .fixed_ms = full_ms * pixels(level.factor), .sweep_ms = sweep_ms});
+    budget.costs.push_back({.factor = level.factor, .fixed_ms = full_ms * pixels(level.factor)});
 }
 
 double expected_seconds(int iterations, const std::vector<StepCost>& costs, const TrainSettings& base,
@@ -222,8 +221,16 @@ void BudgetPace::advance(TrainSettings& settings, int iteration, double seconds,
                          bool any_change) {
   const WorkShare work(settings);
   measure(work, iteration, seconds, swept);
-  const double per_share = iterations_per_share(work, iteration, seconds, any_change);
   const double share = work.at(iteration);
+  if (const double left = budget_.seconds - seconds, sweeps = sweeps_left(share);
+      any_change && left < kSweepTimes * sweeps) {
+    budget_.seconds = seconds + kSweepTimes * sweeps;
+    warn(
+        "the rest of the run takes about {:.3g} s instead of {:.3g} s, because refining the cameras takes "
+        "about {:.3g} s",
+        kSweepTimes * sweeps, left, sweeps);
+  }
+  const double per_share = iterations_per_share(work, iteration, seconds, any_change);
   const int rest = std::clamp(static_cast<int>(std::lround(per_share * (1 - share))), 1,
                               std::max(1, budget_.most_iterations - iteration));
   const int apart = std::max(

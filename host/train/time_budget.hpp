@@ -78,7 +78,8 @@ struct TimeBudget {
 
 // Completes the budget of a run whose steps were not measured before it started. The costs of the steps are
 // estimated from the iterations so far, `swept` seconds of which were spent on camera sweeps. The time of a
-// step is assumed to be proportional to its number of pixels; BudgetPace corrects it during the run.
+// step is assumed to be proportional to its number of pixels; BudgetPace corrects it during the run. The
+// costs of sweeps are not set.
 void use_speed(TimeBudget& budget, const TrainSettings& settings, const Split& train,
                const TrainProgress& progress, double swept);
 
@@ -113,7 +114,8 @@ class BudgetPace {
   // Adds the next point to settings.work_shares, and sets settings.iterations to the number that now fits
   // into the budget. Must be called before the first iteration, and then after the iteration of the last
   // point. The number of iterations for the whole work changes by at most 50 % per call. With `any_change`,
-  // which is used for a new budget, it may change by any factor.
+  // which is used for a new budget, it may change by any factor. A new budget that is too short for the
+  // camera sweeps is then extended, with a warning.
   void advance(TrainSettings& settings, int iteration, double seconds, double swept, bool any_change = false);
   // Changes the settings so that the run ends in about `within` seconds. Must be called instead of advance().
   // The work between now and kLastPart is skipped, and the number of iterations for the rest is chosen by the

@@ -360,8 +360,11 @@ void Trainer::keep_to(const TimeBudget& budget) {
 }
 
 void Trainer::begin_pace(TimeBudget budget) {
-  if (budget.costs.empty())
+  if (budget.costs.empty()) {
     use_speed(budget, settings(), views_.train(), progress_, cameras_.swept_seconds());
+    if (cameras_.refines())
+      for (StepCost& cost : budget.costs) cost.sweep_ms = 1e3 * cameras_.sweep_seconds(cost.factor);
+  }
   pace_.emplace(std::move(budget), settings(), views_.train(), initial_);
   pace_->begin(schedule_.work(), progress_.iteration, progress_.seconds, cameras_.swept_seconds());
 }

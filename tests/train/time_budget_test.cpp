@@ -526,6 +526,20 @@ TEST_CASE("time budget: if no time is left, work_shares is still valid", "[budge
   CHECK(share_points(settings).back().share == 1);
 }
 
+TEST_CASE("time budget: a new budget that is too short for the camera sweeps is extended", "[budget]") {
+  TrainSettings settings = fast_settings();
+  settings.pyramid = "";
+  settings.iterations = 100;
+  settings.work_shares = shares_until(settings, 10);
+  // A step takes 0.1 s. Of the 20 sweeps, 19 take place after a tenth of the work, and each takes 1 s.
+  BudgetPace pace({.seconds = 10, .first_iterations = 100, .costs = {{1, 100, 0, 1000}}}, settings,
+                  views_of(800), 9000);
+  pace.begin(WorkShare(settings), 10, 1, 0);
+  pace.advance(settings, 10, 1, 0, true);
+  validate(settings);
+  CHECK(settings.iterations == Approx(10 + 19 / 0.1).margin(2));
+}
+
 TEST_CASE("time budget: if steps are slower than expected, fewer splats are added", "[budget]") {
   const test::Data data = test::synthetic("glossy", 32, 4);
   const TrainSettings settings = budgeted_settings();
