@@ -15,10 +15,10 @@ namespace fs = std::filesystem;
 
 constexpr std::string_view kOffsetWords = "ubs_offset ";
 
-int degree_of_rest(std::size_t rest, const std::string& name) {
+int degree_of_rest(std::size_t rest, const std::string& prefix, const std::string& name) {
   for (int degree = 0; degree <= 4; ++degree)
     if (rest == 3u * static_cast<std::size_t>((degree + 1) * (degree + 1) - 1)) return degree;
-  fail(ErrorKind::data, "{}: {} f_rest_* properties: expected 0, 9, 24, 45 or 72", name, rest);
+  fail(ErrorKind::data, "{}: {} {}* properties: expected 0, 9, 24, 45 or 72", name, rest, prefix);
 }
 
 // Names holds the prefixes of the property names of the constant and of the other spherical harmonics. 3DGS
@@ -166,7 +166,7 @@ ImportedSplats read_gaussian_ply(const fs::path& path) {
 
   ImportedSplats splats;
   splats.kernel = dbs ? SpatialKernel::beta : SpatialKernel::gaussian;
-  splats.sh_degree = degree_of_rest(rest, name);
+  splats.sh_degree = degree_of_rest(rest, names.rest, name);
   splats.lobes = lobes_of(count_numbered(header, "sb_params_"), splats);
   splats.offset = offset_comment(header.comments, name);
   splats.antialiased = antialias_comment(header.comments, splats.report);

@@ -80,8 +80,7 @@ class Planner {
   void parameters_of_groups() {
     double bytes = 0;
     for (const MemoryQuestion::Group& group : q_.groups)
-      bytes += kWord * ParameterLayout(group.dim, q_.variant).count *
-               static_cast<double>(64 * divide_up(std::max<std::size_t>(group.splats, 1), 64));
+      bytes += kWord * ParameterLayout(group.dim, q_.variant).count * row_stride(group.splats);
     plan_.items.push_back({"parameters", MemoryUnit::splat,
                            bytes / static_cast<double>(std::max<std::size_t>(q_.splats, 1)),
                            static_cast<std::uint64_t>(bytes)});

@@ -68,7 +68,8 @@ void check_camera(const Camera& camera, const std::string& where) {
   for (const double t : camera.translation) check("the position of the camera", t);
   for (const double f : {camera.fx, camera.fy}) {
     check("the focal length", f);
-    if (!(f >= kMinFocal)) fail(ErrorKind::data, "{}: the focal length {:g} must be positive", where, f);
+    if (!(f >= kMinFocal))
+      fail(ErrorKind::data, "{}: the focal length {:g} must be at least {:g} pixels", where, f, kMinFocal);
   }
   for (const double c : {camera.cx, camera.cy}) check("the principal point", c);
   if (std::min(camera.width, camera.height) < 1 || std::max(camera.width, camera.height) > kMaxPixelsAcross ||

@@ -96,7 +96,8 @@ Split in_unit(const Split& split, double unit) {
                                                view.part_of,
                                                view.wide,
                                                view.turn_in_wide,
-                                               view.file});
+                                               view.file,
+                                               view.background});
     scale_lengths(scaled.camera, 1 / unit);
     if (!view.source && view.has_image()) scaled.source = std::make_shared<HeldImage>(view.image);
   }

@@ -106,6 +106,7 @@ TEST_CASE("unit: lengths in settings and views are divided by the unit, other va
   Split split{"train", {}};
   View& view = split.views.emplace_back();
   view.name = "left", view.part_of = "image", view.masked = true, view.opaque = true, view.file = "left.png";
+  view.background = std::array{0.1f, 0.2f, 0.3f};
   view.camera = oracle::ring_camera({}, 1);
   view.image = {1, 1, {1, 2, 3}, {}};
   const Split scaled = in_unit(split, 20);
@@ -113,6 +114,7 @@ TEST_CASE("unit: lengths in settings and views are divided by the unit, other va
   CHECK(other.name == "left");
   CHECK(other.part_of == "image");
   CHECK((other.masked && other.opaque && other.file == "left.png"));
+  CHECK(other.background == view.background);
   CHECK(other.load_image().rgb == view.image.rgb);
   CHECK(other.source->held() == &view.image);
   for (std::size_t i = 0; i < 3; ++i) CHECK(20 * other.camera.centre()[i] == Approx(view.camera.centre()[i]));

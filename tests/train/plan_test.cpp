@@ -95,6 +95,17 @@ TEST_CASE("plan: the number of splats follows from the settings", "[plan]") {
   }
 }
 
+TEST_CASE("plan: groups of splats are expected to need the memory that they have on the device", "[plan]") {
+  const MemoryPlan plan = plan_memory({.groups = {{6, 128}, {3, 1}}, .splats = 129, .training = false});
+  const auto item = std::ranges::find(plan.items, "parameters", &MemoryItem::label);
+  REQUIRE(item != plan.items.end());
+  for (const auto& device : devices_under_test()) {
+    const std::uint64_t before = device->allocated_bytes();
+    const DeviceModel first(*device, SplatModel(6, 128)), second(*device, SplatModel(3, 1));
+    CHECK(item->bytes == device->allocated_bytes() - before);
+  }
+}
+
 TEST_CASE("plan: if a scene does not change, its planned intersections and memory equal those of training",
           "[plan]") {
   for (const auto& device : devices_under_test())
