@@ -43,13 +43,20 @@ std::size_t start_of(const WebOptions& options, const LoadedModel& loaded, const
   return static_cast<std::size_t>(*options.view);
 }
 
+// Returns the name of the model file without its extension. The model of a run is always called model.ply, so
+// the name of its folder is used instead.
+std::string title_of(const fs::path& model) {
+  const fs::path folder = absolute_path(model).lexically_normal().parent_path().filename();
+  return (model.filename() == "model.ply" && !folder.empty() ? folder : model.stem()).string();
+}
+
 web::ViewerPage page_of(const WebOptions& options, const LoadedModel& loaded, const Split& split,
                         std::size_t first) {
   const std::vector<Camera> cameras = cameras_of(split);
   web::ViewerPage page{.title = options.title,
                        .scene = scene_frame(loaded.model, cameras, frame_hints(loaded)),
                        .captured = are_captured(options, loaded)};
-  if (page.title.empty()) page.title = fs::path(options.model).stem().string();
+  if (page.title.empty()) page.title = title_of(options.model);
   const std::size_t step = (split.views.size() + web::kMaxCameras - 1) / web::kMaxCameras;
   for (std::size_t i = 0; i < split.views.size(); ++i) {
     const bool start = i == first;
@@ -181,7 +188,8 @@ Command add_web(CLI::App& root) {
   app->add_flag("--embed", options->embed,
                 "for embedding in another page: controls are folded, and the mouse wheel scrolls the outer "
                 "page until a click");
-  app->add_option("--title", options->title, "title of the page [name of the model file]")->type_name("TEXT");
+  app->add_option("--title", options->title, "title of the page [name of the run folder or model file]")
+      ->type_name("TEXT");
   add_overwrite_option(*app, options->overwrite);
   app->add_flag("--json", options->json, "machine-readable output");
   app->add_flag("--quiet", options->quiet, "do not print progress");

@@ -431,6 +431,8 @@ def report(page, folder):
     ubs("train", data, "--out", run, "--iterations", 60, "--init-points", 1500, "--quiet")
     ubs("report", run, "--out", folder / "with.html")
     ubs("report", run, "--out", folder / "without.html", "--no-viewer")
+    ubs("web", run, "--out", folder / "model.html", "--quiet")
+    assert "<title>run</title>" in (folder / "model.html").read_text()
     ubs("render", run, data, "--split", "train", "--views", 0, "--format", "npy", "--out", folder / "truth")
     truth = np.load(next((folder / "truth").glob("*.npy")))
     page.open(folder / "with.html", (900, 700))
