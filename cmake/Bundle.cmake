@@ -1,6 +1,6 @@
-# Defines targets for the libraries in a folder created by tools/make_bundle.sh (UBS_BUNDLE), with the names
-# of their packages. This file is used on machines that only have a compiler, CMake and the CUDA toolkit. Some
-# libraries are header-only; the others are linked statically.
+# Defines targets for the libraries in a folder created by tools/make_bundle.sh (UBS_BUNDLE). The targets have the
+# names that find_package and pkg_check_modules would give them. This file is used on machines that only have a
+# compiler, CMake and the CUDA toolkit. Some libraries are header-only; the others are linked statically.
 foreach(part include/fmt/format.h include/CLI/CLI.hpp lib/libyaml-cpp.a lib/libz.a lib/libzstd.a)
   if(NOT EXISTS ${UBS_BUNDLE}/${part})
     message(FATAL_ERROR "UBS_BUNDLE: ${UBS_BUNDLE}/${part} is missing: create the folder with tools/make_bundle.sh")

@@ -1,5 +1,6 @@
-# Finds OpenCV by its own CMake configuration. If only packages of single modules are installed, finds headers
-# and libraries instead (in Debian the configuration is in libopencv-dev, which installs every module).
+# Finds OpenCV by its own CMake configuration. If this configuration is missing, finds the headers and the
+# libraries of the requested modules instead. In Debian, the configuration is in libopencv-dev, which installs
+# every module, so it is missing if only the packages of single modules are installed.
 find_package(OpenCV QUIET CONFIG COMPONENTS ${OpenCV_FIND_COMPONENTS})
 if(OpenCV_FOUND)
   return()

@@ -1,17 +1,17 @@
 # Defines what `cmake --install BUILD --prefix DIR [--component NAME]` installs and what the package of `cpack
 # -G DEB` contains.
 # Components:
-#   library      libubs.so.1
+#   library      libubs.so.1, the OpenCV module, the bill of materials, and documents such as the licence
 #   development  headers, libubs.a, the packages for find_package(ubs) and pkg-config
-#   tools        the executable
+#   tools        the executables ubs and ubs-lab, and their manual pages
 #   portable     see Portable.cmake; only installed if it is named
 #   python       see python/CMakeLists.txt; only installed if it is named
 include(GNUInstallDirs)
 include(CMakePackageConfigHelpers)
 
 # The static library contains all archives of ubs in one file. The other libraries that it needs are listed in
-# the packages for find_package and pkg-config. It is not made with CUDA, because then every user would have
-# to link device code.
+# the packages for find_package and pkg-config. A build with CUDA does not make the static library, because every
+# program that uses the library would have to link device code. A build with UBS_BUNDLE does not make it either.
 set(static_parts ubs_facade ubs_run ubs_check ubs_look ubs_devices ubs_io ubs_core)
 if(UBS_OPENCL)
   list(APPEND static_parts ubs_opencl)

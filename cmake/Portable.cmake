@@ -1,8 +1,8 @@
-# cmake --install BUILD --component portable --prefix DIR makes a folder that runs wherever it is copied to.
-# It has the executable, the device tests, tools/gpu_check.sh and the libraries that they need except libc and
-# the C++ runtime (DIR/bin, DIR/lib), and the sources that the device tests read (DIR/source). The libraries are
-# found through RPATH $ORIGIN/../lib, because RUNPATH would not apply to libraries that these libraries load.
-# Drivers are those of the target machine.
+# cmake --install BUILD --component portable --prefix DIR makes a folder whose programs run wherever it is copied to.
+# DIR/bin has the executables ubs and ubs-lab, the device tests and tools/gpu_check.sh. DIR/lib has the libraries that
+# they need, except libc, the C++ runtime and drivers, which the target machine must have. DIR/source has the sources
+# that the device tests read. The libraries are found through RPATH $ORIGIN/../lib, because RUNPATH would not apply to
+# libraries that these libraries load.
 set(portable ubs ubs-lab)
 if(UBS_TESTS)
   list(APPEND portable test_stages test_pipeline test_packed test_metrics test_variants test_work test_approximations

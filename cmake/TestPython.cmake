@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-# Sets UBS_PYTHON to the interpreter for all tests in Python, which needs NumPy, pytest and PyYAML. It is the
-# one that CMake finds, or that of the system (tools/setup.sh installs these packages). UBS_PYTHON is
-# empty if there is none.
+# Sets UBS_PYTHON to the interpreter that runs all tests in Python. The interpreter needs the packages NumPy, pytest
+# and PyYAML. If the interpreter that CMake finds does not have them, /usr/bin/python3 is used, for which
+# tools/setup.sh installs these packages. If neither has them, UBS_PYTHON is empty.
 find_package(Python3 COMPONENTS Interpreter)
 set(UBS_PYTHON "")
 foreach(candidate IN ITEMS ${Python3_EXECUTABLE} /usr/bin/python3)

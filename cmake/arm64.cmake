@@ -1,5 +1,5 @@
-# Toolchain for tools/cross_check.sh: Debian's compiler for arm64, its packages unpacked to arm64_root, and
-# qemu-user to run the results.
+# Toolchain for tools/cross_check.sh. It uses Debian's compiler for arm64, the arm64 packages that the script unpacks
+# to the folder arm64_root, and qemu-user, which runs the programs.
 set(CMAKE_SYSTEM_NAME Linux)
 set(CMAKE_SYSTEM_PROCESSOR aarch64)
 set(triple aarch64-linux-gnu)

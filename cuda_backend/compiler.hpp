@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Compiles device programs at run time with NVRTC, the compiler library of the CUDA toolkit (nvrtc.cpp). The
-// library is opened when the first program is compiled. It does not need a GPU.
+// library is opened when the first program is compiled. Compiling does not need a GPU.
 #pragma once
 
 #include <span>
@@ -30,7 +30,7 @@ CompiledProgram compile_program(const ProgramSpec& spec, int capability);
 // Returns the binary of a program, from a cache file if possible. The cache folder is $UBS_KERNEL_CACHE if it
 // is set, otherwise $XDG_CACHE_HOME/ubs or ~/.cache/ubs; with UBS_KERNEL_CACHE=off there is no cache. The
 // name of the file depends on everything that the binary depends on: source text, options, capability and
-// compiler. Cache files may be deleted at any time, and a damaged file is compiled again.
+// compiler. Cache files may be deleted at any time. If a file is damaged, the program is compiled again.
 std::string cached_binary(const ProgramSpec& spec, int capability);
 
 }  // namespace ubs::cuda

@@ -13,7 +13,7 @@ void check_blas(cublasStatus_t code, const char* call) {
 }
 
 // The cuBLAS functions that this file calls. Their binary interface is the same in all versions of cuBLAS
-// since 6. Their types are taken from the header.
+// since 11, the oldest version that open_library() searches for. Their types are taken from the header.
 struct Library {
   decltype(&cublasCreate_v2) create = nullptr;
   decltype(&cublasDestroy_v2) destroy = nullptr;

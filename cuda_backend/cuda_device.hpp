@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// CudaDevice is one CUDA device with a stream that executes all work in order. It allocates memory, copies
-// data, launches kernels with arguments whose types the C++ compiler checks, and measures times.
+// CudaDevice is one CUDA device with a stream that executes all work in order, except for the uploads of
+// copy_async(), which have a stream of their own. The class allocates memory, copies data, launches kernels
+// with arguments whose types the C++ compiler checks, and measures times.
 #pragma once
 
 #include <algorithm>
@@ -23,7 +24,7 @@ namespace ubs::cuda {
 
 class CudaDevice;
 
-// A buffer on a device. The device's memory statistics include it as long as it exists.
+// CudaMemory is a buffer on a device. The memory statistics of the device include it as long as it exists.
 class CudaMemory final : public Memory {
  public:
   CudaMemory(CudaDevice& device, std::string label, std::size_t bytes);

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The kernels of the CUDA back end with the types of their arguments, so that the compiler checks every
-// launch. They are either compiled ahead of time in the .cu files, or belong to programs that are compiled at
-// run time.
+// Declares the kernels of the CUDA back end with the types of their arguments, so that the compiler checks
+// every launch. A kernel is either compiled ahead of time in one of the .cu files, or belongs to a program
+// that is compiled at run time.
 #pragma once
 
 #include <vector>
@@ -11,7 +11,8 @@
 
 namespace ubs::cuda {
 
-// Either a symbol that was compiled ahead of time, or a function of a Module (cuda_backend/module.hpp).
+// Kernel is either a symbol that was compiled ahead of time, or a function of a Module
+// (cuda_backend/module.hpp).
 template <typename Signature>
 struct Kernel;
 template <typename... Parameters>
@@ -23,12 +24,13 @@ struct Kernel<void(Parameters...)> {
   void* function = nullptr;
 };
 
-// A set of kernels with different signatures. A kernel is found by its signature.
+// KernelTable is a set of kernels with different signatures. A kernel is found by its signature.
 template <typename... Signatures>
 struct KernelTable : Kernel<Signatures>... {};
 
-// The kernels of kernels/map. They have one thread per element, and are compiled once for each number of
-// dimensions (map_kernels.cu).
+// These are the kernels of kernels/map that depend on the number of dimensions, and are therefore compiled
+// once for each number (map_kernels.cu). They have one thread per element, except for the kernel of the
+// camera gradient, whose number of threads is CameraBackward::lanes.
 struct ProjectKernels {
   Kernel<ProjectForwardKernel> forward;
   Kernel<ProjectBackwardKernel> backward;
@@ -39,8 +41,8 @@ struct CameraKernels {
 using ParameterKernels = KernelTable<AdamKernel, WatchedAdamKernel, RegulariseKernel, AddNoiseKernel,
                                      McmcWeightsKernel, McmcDrawKernel, McmcSourcesKernel, McmcCopiesKernel>;
 // The default variant is compiled ahead of time up to this number of dimensions, which covers common data.
-// Kernels for more dimensions are compiled at run time. The same holds, for any number of dimensions, for the
-// kernel of the camera gradient and for projection kernels with gradients through the view direction.
+// Kernels for more dimensions are compiled at run time. The kernel of the camera gradient and projection
+// kernels with gradients through the view direction are compiled at run time for any number of dimensions.
 constexpr int kLastDimAhead = 7;
 template <int dim>
 ProjectKernels project_kernels_of();
@@ -61,8 +63,8 @@ ProjectKernels compiled_project_kernels(int dim);
 ParameterKernels compiled_parameter_kernels(int dim);
 constexpr unsigned kMapBlock = 128;
 
-// The kernels of raster_kernels.cu. The rasterisers have one thread per pixel of a tile. sum_slots has 16
-// threads per splat.
+// RasterKernels contains the kernels of raster_kernels.cu. The rasterisers have one thread per pixel of a
+// tile. sum_slots has 16 threads per splat.
 constexpr unsigned kSumBlock = 256;
 struct RasterKernels {
   Kernel<RasterPartsKernel> parts;
@@ -79,13 +81,15 @@ struct RasterKernels {
 struct WeightKernels {
   Kernel<MeasureWeightsKernel> measure;
 };
-// Return kernels of the default variant. `plain` is without the output of depth, `depth` is with it.
+// These functions return kernels of the default variant. Kernels whose function ends in _depth also write the
+// depth image, and those whose function ends in _plain do not.
 RasterKernels raster_kernels_plain();
 RasterKernels raster_kernels_depth();
 WeightKernels weight_kernels_plain();
 
-// The kernels of kernels/gpu/loss.cl, compiled in loss_kernels.cu. They have one block per tile of one
-// channel.
+// LossKernels contains the kernels of kernels/gpu/loss.cl, which loss_kernels.cu compiles. The window and
+// gradient kernels have one block per tile of one channel. The margins kernel has one block per row of each
+// map, and the total kernel has a single block.
 constexpr unsigned kLossBlock = 128, kLossTotalBlock = 192;
 constexpr int kLossTileX = 32;
 struct LossKernels {
@@ -94,30 +98,33 @@ struct LossKernels {
   Kernel<LossGradientKernel> gradient;
   Kernel<LossTotalKernel> total;
 };
-// Returns the kernels that read the mask of the image, or, if with_mask is false, kernels that do not.
+// Returns the kernels that take the mask of the target image into account, or, if with_mask is false, kernels
+// for images without a mask.
 LossKernels loss_kernels(bool with_mask);
 
-// The kernels of kernels/map/appearance.cl and appearance_step.cl, also compiled in loss_kernels.cu. They
-// have one thread per element.
+// AppearanceTable contains the kernels of kernels/map/appearance.cl and appearance_step.cl, which
+// loss_kernels.cu compiles. They have one thread per element.
 using AppearanceTable = KernelTable<MapColoursKernel, MapColoursVjpKernel, RowSumsKernel,
                                     AppearanceGradientKernel, AppearanceStepKernel>;
 AppearanceTable appearance_kernels();
 
-// The kernels of kernels/map/sky.cl and sky_step.cl, compiled in sky_kernels.cu. They have one thread per
-// element.
+// SkyTable contains the kernels of kernels/map/sky.cl and sky_step.cl, which sky_kernels.cu compiles. They
+// have one thread per element.
 using SkyTable = KernelTable<DrawSkyKernel, SkyVjpKernel, RowSumsKernel, SkyGradientKernel, SkyStepKernel>;
 SkyTable sky_kernels();
 
-// The kernels of kernels/map/drawn.cl, compiled in list_kernels.cu. They have one thread per element.
+// DrawnTable contains the kernels of kernels/map/drawn.cl, which list_kernels.cu compiles. They have one
+// thread per element.
 using DrawnTable = KernelTable<MarkDrawnKernel, PickDrawnKernel, UnpackDrawnKernel, SpreadGradientKernel>;
 DrawnTable drawn_kernels();
 
-// The kernels of metric_kernels.cu. They have one thread per element.
+// MetricKernels contains the kernels of metric_kernels.cu. They have one thread per element.
 using MetricKernels = KernelTable<LoadImageKernel, Im2colKernel, BiasReluKernel, MaxPoolKernel,
                                   LpipsDistanceKernel, PartialSumsKernel, SsimRowsKernel, SsimColumnsKernel>;
 MetricKernels metric_kernels();
 
-// The kernels of list_kernels.cu. They have one thread per element.
+// ListKernels contains the kernels of list_kernels.cu that build the tile lists. They have one thread per
+// element.
 constexpr unsigned kListBlock = 256;
 struct ListKernels {
   Kernel<void(const u32* tile_counts, const u32* depth_keys, u32 count, u32 bits, const u64* before,

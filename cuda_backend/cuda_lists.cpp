@@ -57,7 +57,7 @@ void Lists::run(const BuildLists& lists) {
   if (lists.totals.intersections > UINT32_MAX || lists.totals.visible > lists.count ||
       lists.shape.tiles() < 1)
     fail(ErrorKind::internal,
-         "tile lists: {} intersections of {} visible splats (of {}) with {} tiles are not supported",
+         "tile lists: {} intersections, {} visible splats of {} in total, and {} tiles are not supported",
          lists.totals.intersections, lists.totals.visible, lists.count, lists.shape.tiles());
   const auto drawn = static_cast<u32>(lists.totals.visible),
              pairs = static_cast<u32>(lists.totals.intersections);

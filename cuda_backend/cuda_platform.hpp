@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Lists and opens the CUDA devices of this machine. Without an NVIDIA driver, the list is empty. This is not
-// an error: the CUDA runtime library is linked statically and looks for the driver at its first call.
+// Lists and opens the CUDA devices of this machine. Without an NVIDIA driver, the list is empty, and this is
+// not an error. The program also starts without a driver, because the CUDA runtime library is linked
+// statically and looks for the driver at its first call.
 #pragma once
 
 #include <memory>

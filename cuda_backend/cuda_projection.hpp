@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Projection runs the kernels that project splats: the forward pass, the backward pass to the parameters of
-// the splats, and the backward pass to the camera. The first two have one thread per splat.
+// the splats, and the backward pass to the camera. The first two have one thread per splat. The number of
+// threads of the third one is CameraBackward::lanes.
 #pragma once
 
 #include "cuda_backend/cuda_device.hpp"
@@ -8,7 +9,8 @@
 
 namespace ubs::cuda {
 
-// Returns the number of threads per block of the kernels with one thread per splat.
+// Returns the number of threads per block of the projection kernels and of the kernels that change the
+// parameters of splats.
 unsigned map_block(const CudaDevice& device);
 
 class Projection {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The stage interface on a CUDA device. Each operation is passed to the class that has its kernels.
+// Implements Stages, the interface for the operations of a training step, on a CUDA device.
 #include "cuda_backend/cuda_device.hpp"
 #include "cuda_backend/cuda_image_loss.hpp"
 #include "cuda_backend/cuda_lists.hpp"
@@ -23,7 +23,7 @@ MapKernels<ParameterKernels> parameters(CudaDevice& device, const KernelConfig& 
   return {device, [&device, config] { return parameter_kernels(device, config); }, map_block(device)};
 }
 
-// Each operation is run by the class that has its kernels.
+// Kernels inherits run() for each operation from the class that launches its kernels.
 struct Kernels : Projection, Lists, Raster, ImageLossKernels, Appearance, Sky, ParameterChanges, Drawn {
   Kernels(CudaDevice& device, const KernelConfig& config)
       : Projection(device, config),

@@ -16,8 +16,8 @@ namespace ubs::cuda {
 // Returns the names under which a library of the toolkit may be found, in the order to try them. `eleven` is
 // the version that the library has in CUDA 11, for example "11.2" for "libnvrtc". `driver` is the result of
 // cudaDriverGetVersion, for example 12040 for CUDA 12.4, or 0 without a driver.
-// A driver can load code from libraries of its own or an older major version, but not from newer libraries.
-// Therefore names without a version come last, because they may refer to a newer library.
+// A driver can load code that a library of the same or an older major version has made, but no code of newer
+// libraries. Therefore names without a version come last, because they may refer to a newer library.
 inline std::vector<std::string> toolkit_names(const std::string& stem, const std::string& eleven,
                                               int driver) {
   constexpr int kNewest = 13;  // major version to start with if there is no driver, as in tests

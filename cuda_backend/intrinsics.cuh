@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Functions that execute single instructions of the GPU: approximations of 2^y, log2(x) and 1/x. CUDA C++ has
-// no functions for these instructions, or has them only in headers that NVRTC does not include. If
-// UBS_CUDA_ON_HOST is defined, the instructions are emulated for the build that runs on the host
+// These functions execute single instructions of the GPU, which compute approximations of 2^y, log2(x) and
+// 1/x. CUDA C++ has no functions for these instructions, or has them only in headers that NVRTC does not
+// include. If UBS_CUDA_ON_HOST is defined, the instructions are emulated for the build that runs on the host
 // (tests/cuda).
 
 #ifdef UBS_CUDA_ON_HOST

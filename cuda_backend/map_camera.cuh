@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The kernel camera_backward of kernels/map/camera.cl, compiled as CUDA. It computes the gradient of the
-// camera. Requires UBS_CAMERA_GRAD.
+// Compiles the kernel camera_backward of kernels/map/camera.cl as CUDA. The kernel computes the gradient of
+// the camera. The macro UBS_CAMERA_GRAD must be 1.
 // clang-format off
 #include "kernels/map/records.h"
 #include "kernels/map/project.cl"

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The kernels of kernels/map that both back ends share, compiled as CUDA. This file is compiled once for each
-// number of dimensions UBS_N.
+// Compiles the projection kernels of kernels/map, and the kernels there that change the parameters of splats,
+// as CUDA. The build compiles this file once for each number of dimensions UBS_N from 3 to 7.
 #include <cuda_runtime.h>
 #include <math.h>
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The kernels of kernels/map that change the parameters of splats, compiled as CUDA: Adam steps, penalties,
+// Compiles the kernels of kernels/map that change the parameters of splats as CUDA: Adam steps, penalties,
 // relocation and noise.
 // clang-format off
 #include "kernels/map/adam_row.h"

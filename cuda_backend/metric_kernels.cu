@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The kernels of image metrics (kernels/map/network.cl and ssim_valid.cl), compiled as CUDA.
+// Compiles the kernels of image metrics (kernels/map/network.cl and ssim_valid.cl) as CUDA.
 #include <cuda_runtime.h>
 #include <math.h>
 

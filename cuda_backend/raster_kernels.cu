@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The rasterisers and the sum over gradient slots (contracts: host/device/stages.hpp). This file is compiled
-// once without and once with UBS_DEPTH. There are no float atomics, and all sums have a fixed order, so the
-// same inputs give bit-identical results.
+// Compiles the rasterisers, the sum over gradient slots and the measurement of weights as CUDA. Their
+// contracts are in host/device/stages.hpp. The build compiles this file once without and once with UBS_DEPTH.
+// There are no float atomics, and all sums have a fixed order, so the same inputs give bit-identical results.
 #include <cuda_runtime.h>
 #include <math.h>
 

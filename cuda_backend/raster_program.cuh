@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The program with the rasterisers and the sum over gradient slots. Its kernels are raster_gpu_parts,
-// raster_gpu_forward, raster_gpu_join, raster_gpu_backward and sum_slots_scalar.
+// This program contains the rasterisers and the sum over gradient slots. Its kernels are raster_gpu_parts,
+// raster_gpu_forward, raster_gpu_join and, unless UBS_FORWARD_ONLY is set, raster_gpu_backward and
+// sum_slots_scalar.
 #define UBS_TOGETHER 3
 #define UBS_BACKWARD_BATCH 192  // so that three work-groups fit on GPUs with 100 KiB of shared memory
 #define UBS_SUM_GROUP_GPU 256

@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// The mathematics that all back ends share (kernels/math), compiled as CUDA. Each thread computes one value,
-// and the number of dimensions is UBS_N. Each .cu file includes this file once, inside namespace ubs::cuda
-// and an unnamed namespace, so that files with different UBS_N can be linked together. Therefore system
-// headers must be included before this file. Programs that are compiled at run time include it first.
+// Compiles the mathematics that all back ends share (kernels/math) as CUDA. Each thread computes one value,
+// and the number of dimensions is UBS_N. A .cu file that needs the formulas includes this file once, inside
+// namespace ubs::cuda and an unnamed namespace, so that files with different UBS_N can be linked together.
+// Therefore system headers must be included before this file. Programs that are compiled at run time include
+// this file first.
 
 // clang-format off
 #include "kernels/dialect/dialect.h"

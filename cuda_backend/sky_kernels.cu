@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The kernels of the learnt sky behind the splats (kernels/map/sky.cl and sky_step.cl). The sky consists of
-// spherical harmonics up to degree 2.
+// Compiles the kernels of the learnt sky behind the splats (kernels/map/sky.cl and sky_step.cl) as CUDA. The
+// colour of the sky is a sum of spherical harmonics up to degree 2.
 #include <cuda_runtime.h>
 #include <math.h>
 

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Classes that transfer data between host and device through pinned host memory. Uploads are first copied to
-// a ring of pinned buffers, so that the transfer is enqueued like a kernel and the host continues
-// immediately. If data were uploaded from pageable memory, the driver would wait for the stream first. In
-// training, the upload of the learning rates would then block the host in every iteration.
+// The classes in this file transfer data between host and device through pinned host memory. Uploads are
+// first copied to a ring of pinned buffers, so that the transfer is enqueued on the stream and the host
+// continues immediately. If data were uploaded from pageable memory, the driver would wait for the stream
+// first. In training, the upload of the learning rates would then block the host in every iteration.
 #pragma once
 
 #include <array>
@@ -80,12 +80,12 @@ class CudaRead final : public PendingRead {
 
 // UploadRing holds pinned copies of whole arrays that are uploaded on a separate stream. Unlike the slots of
 // Staging, its buffers are as large as the arrays. With small slots, the host would have to wait for a free
-// slot, and thus for the main stream, because an upload starts only after the earlier work of the main
-// stream.
+// slot. It would then also wait for the main stream, because an upload starts only after the earlier work of
+// the main stream.
 class UploadRing {
  public:
   // Enqueues a copy to the device on the stream. Returns as soon as `from` may be changed. There are two
-  // buffers, so this function first waits for the last upload but one, whose buffer it reuses.
+  // buffers, which are used alternately, so this function first waits for the upload before the previous one.
   void upload(void* to, std::span<const std::byte> from, cudaStream_t stream);
   // Makes `stream` wait for all uploads that have been enqueued so far.
   void join(cudaStream_t stream);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The program that measures the weights of splats, that is, how much they affect the pixels. Its kernel is
+// This program measures the weights of splats, that is, how much they affect the pixels. Its kernel is
 // measure_weights.
 // clang-format off
 #include "kernels/gpu/words.h"

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Layout of all buffers that kernels share with each other or with the host: names for their rows, columns and sizes.
-// The host code includes this header as well.
+// layout.h defines the layout of all buffers that kernels share with each other or with the host: names for their rows,
+// columns and sizes. The host code includes this header as well.
 #pragma once
 
 #ifndef UBS_OPENCL  // for OpenCL, the host concatenates all files of a program
@@ -15,7 +15,8 @@
 
 // The query dimensions are, in this order: view direction (3), time (1), further values.
 #define UBS_HAS_DIRECTION (UBS_C >= 3)
-#define UBS_FIRST_VALUE (UBS_HAS_DIRECTION ? 3 : 0)  // from this query dimension on, the camera record has the values
+// Index of the first query dimension whose value is stored in the camera record.
+#define UBS_FIRST_VALUE (UBS_HAS_DIRECTION ? 3 : 0)
 
 // ---- Parameters: row k of splat i is params[k * stride + i]; the rows have the same order as in the model file ----
 enum {
@@ -50,7 +51,7 @@ enum {
   X(6, kRowScale, kRowL, row) X(7, kRowL, kRowCount, row)
 #define UBS_LESS_FROZEN(g, first, last, row) \
   - ((UBS_FROZEN >> (g)&1) && (row) > (first) ? ((row) < (last) ? (row) - (first) : (last) - (first)) : 0)
-// The row of the gradients and moments that belongs to this row of the parameters.
+// Index of the row of the gradients and moments that belongs to the parameter row `row`.
 #define UBS_TRAINED_ROW(row) ((row) UBS_GROUPS(UBS_LESS_FROZEN, row))
 enum { kTrainedRows = UBS_TRAINED_ROW(kRowCount) };
 
@@ -76,7 +77,7 @@ enum {
   kSplatR, kSplatG, kSplatB,
   kSplatHx, kSplatHy,            // half extents of the footprint [px]
   kSplatDepth,                   // z of the conditional mean in the camera frame
-  kSplatReach,                   // beyond this r, alpha is below the limit; only set with UBS_OPACITY_EXTENTS
+  kSplatReach,                   // beyond this r, alpha is too small to contribute; only set with UBS_OPACITY_EXTENTS
   kSplatStride = 16
 };
 

@@ -41,7 +41,7 @@
 // 3e-3, and 1.2e-2 with a factor of 1e-3 (docs/results/2026-11-20-stability-sweeps.md).
 #define UBS_QUERY_SCALE_RELATIVE R(6e-3)
 // The same factor for models with `cov_mode whiten`. The largest error of the sweeps `whiten_large` and `whiten_mixed`
-// with the seeds 1 to 20 is 1.2e-3 with a factor of 6e-3, and 7.3e-4 with a factor of 8e-3.
+// is 1.2e-3 with a factor of 6e-3, 7.3e-4 with 8e-3, and 2.2e-4 with this value.
 #define UBS_QUERY_SCALE_WHITEN R(1.2e-2)
 // A splat is strongly coupled if a query scale is below UBS_COUPLED_RELATIVE times the rest of its row, and if the
 // weight of that dimension is above 1 - UBS_COUPLED_WEIGHT. The conditional covariance of such a splat is computed from

@@ -25,8 +25,8 @@ int main(int argc, char** argv) {
   if (const int code = session.applyCommandLine(argc, argv); code != 0) return code;
   // Tests must not use constants that were tuned on this machine.
   setenv("UBS_TUNING", "off", 1);
-  // The many commands that tests start do not check the device, because the tests themselves compare it with
-  // float64.
+  // The many commands that tests start do not check the device, because the tests themselves compare results
+  // of the device with float64. A value of UBS_CHECK that the user has set is kept.
   setenv("UBS_CHECK", "off", 0);
   if (const int code = ubs::test::use_device(device, optional, cuda_on_host); code != 0) return code;
   return session.run();

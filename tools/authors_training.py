@@ -1,7 +1,8 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""Runs train.py of the authors of Universal Beta Splatting on any device. Two functions of ubs.torch replace the
-authors' CUDA kernels: condition() computes the splats for a query, and rasterize() renders them.
+"""Runs train.py of the authors of Universal Beta Splatting on any device. Functions of this project replace the
+authors' CUDA kernels: ubs.torch.condition() computes the splats for a query, ubs.gsplat.fully_fused_projection()
+projects them, and ubs.torch.rasterize() renders them.
 
     tools/authors_training.py CHECKOUT --source_path DATA --model_path OUT --iterations 1000 --input_dim 6 --eval
     ubs eval OUT/point_cloud/iteration_1000/point_cloud.ply DATA
@@ -71,7 +72,8 @@ def ssim(a: Tensor, b: Tensor) -> Tensor:
 
 
 class Anything:
-    """Replaces classes that are imported but not needed: those of the viewer, and those that only measure times on CUDA."""
+    """Replaces classes that are imported but not needed: those of the viewer, and those that only measure times on
+    CUDA."""
 
     def __init__(self, *_: Any, **__: Any) -> None:
         pass

@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// ubs convert: converts model files between formats. Importing into the ubs format is exact. Exporting is
-// lossless for models of Gaussians. For other models it fixes the time, averages over the directions, and
-// fits the result to renders of the model. The loss of quality is measured by rendering both models. The
-// images are compared with each other, and with --data also with the images of the data.
+// ubs convert: converts model files between formats. Importing into the ubs format is exact. Exporting
+// models of Gaussians is exact except for the rounding of some formats. Exporting other models fixes the
+// time, averages over the directions, and fits the result to renders of the model. The loss of quality is
+// measured by rendering both models. The images are compared with each other, and with --data also with the
+// images of the data.
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <cmath>
@@ -73,8 +74,8 @@ const SplatFormat& target_format(const ConvertOptions& options, const SplatForma
     fail(ErrorKind::usage, "{}: no format has the extension '{}': choose one with --to", options.to,
          small_extension(options.to));
   if (!format->ours() || !options.conditioning.empty()) return *format;
-  // The ubs format and 3DGS both have the extension .ply. The default is 3DGS, which other programs read. A
-  // file that is 3DGS already is converted to the ubs format.
+  // The ubs format and 3DGS both have the extension .ply. The default is 3DGS, which other programs read.
+  // Files that are 3DGS already, and files of Beta splats (DBS), are converted to the ubs format.
   const bool gaussians = source.holds == SplatFormat::Holds::gaussians && source.name != "3dgs";
   return source.ours() || gaussians ? splat_format("3dgs") : *format;
 }
@@ -131,7 +132,8 @@ std::string advice(const ConvertOptions& options, const MixedModel& model) {
 
 constexpr const char* kNotFitted = "the Gaussians were not fitted to the model";
 
-// Calls `work`. If this machine cannot do it, adds a remark that begins with `what` instead.
+// Calls `work`. If it fails because of this machine, for example because there is no usable device or not
+// enough memory, adds a remark that begins with `what`. Other errors are passed on.
 template <typename Work>
 void if_possible(const char* what, std::vector<std::string>& remarks, const Work& work) {
   try {
@@ -191,8 +193,8 @@ void report(const ConvertOptions& options, const SplatFormat& format, const Json
       json["bytes"].get<double>() / (1 << 20));
 }
 
-// Returns the options for reduce_splats(). Directions are averaged over the viewpoints of the data, unless
-// the model consists of Gaussians.
+// Returns the options for reduce_splats(). Directions are averaged over the viewpoints of the data or,
+// without data, of the cameras that the model lists. Models of Gaussians need no viewpoints.
 ReduceOptions reduction(const ConvertOptions& options, const LoadedModel& loaded,
                         const TrainSettings& settings) {
   ReduceOptions reduction{.time = options.time, .opacity = options.opacity, .viewpoints = {}};
@@ -314,8 +316,8 @@ ImportedSplats fitted(const ConvertOptions& options, Distiller& distiller, doubl
   return distilled.splats;
 }
 
-// Exports one or several time samples of a dynamic model. If they are fitted, `closed_form` receives the
-// splats of the last one before the fit.
+// Exports a static model, or one or several time samples of a dynamic model. If the splats are fitted,
+// `closed_form` receives the splats of the last time sample before the fit.
 Json export_gaussians(const ConvertOptions& options, const SplatFormat& format, const LoadedModel& loaded,
                       const TrainSettings& settings, std::optional<ImportedSplats>& closed_form) {
   const MixedModel& model = loaded.model;

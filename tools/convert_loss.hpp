@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// LossMeter measures what an exported file has lost: it renders the model and the file from cameras that the
-// model lists, and compares the images. It needs no data.
+// LossMeter measures the loss of quality of an exported file: it renders the model and the file from cameras
+// that the model lists, and compares the images. It needs no data.
 #pragma once
 
 #include <string>
@@ -34,7 +34,7 @@ class LossMeter {
   LossMeter(std::string device, const LoadedModel& loaded, const TrainSettings& settings, double time);
   std::size_t cameras() const { return split_.views.size(); }  // 0: the model lists none
   // `written` are the splats as they are read from the file; they are rendered as other programs render
-  // Gaussians. Requires cameras.
+  // Gaussians. Requires that cameras() is not 0.
   ExportLoss measure(const MixedModel& written);
 
  private:

@@ -4,7 +4,7 @@
 # compiled ahead of time, for one architecture. Occupancy is the number of threads per multiprocessor that
 # registers and shared memory allow, in percent of the maximum; it is computed for sm_80, sm_90 and sm_100.
 # For kernels that are compiled at run time, test_cuda_programs writes such a table. Needs nvcc, but no GPU.
-# Fails if a kernel does not compile without warnings, or if a rasteriser spills.
+# Fails if compiling a kernel gives an error or a warning, or if a rasteriser spills registers.
 #   tools/cuda_registers.sh OUT.csv [ARCHITECTURE, e.g. 90] [N ...]
 set -eu
 root=$(cd "$(dirname "$0")/.." && pwd)

@@ -44,7 +44,7 @@ class Checker {
     for (const int dim : dims) check_variant(dim, settings_.variant);
   }
 
-  // Returns whether all results are correct.
+  // Checks the device with this index, and stores and prints the results. Returns whether all are correct.
   bool run(std::size_t index) {
     const Stopwatch watch;
     const std::unique_ptr<Device> device = open_device(index);

@@ -13,8 +13,8 @@ namespace ubs::tools {
 
 // Returns the names of the settings that determine the variant of the method.
 std::vector<std::string_view> form_keys();
-// Compares every stage with float64, for the variant of `settings` in each of `dims`, and stores the result.
-// Returns 10 if a device computes wrong results.
+// Compares every stage with a float64 reference, for the variant of `settings` in each of `dims`, and stores
+// the result. Returns 10 if a device computes wrong results.
 int check_devices(const std::vector<std::string>& devices, const std::vector<int>& dims,
                   const SettingsOptions& settings, bool json);
 // Prints a page about this machine with a verdict and advice.

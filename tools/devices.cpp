@@ -99,12 +99,13 @@ Command add_devices(CLI::App& root) {
   const auto options = std::make_shared<DevicesOptions>(*app);
   app->add_option("--device", options->devices,
                   "device to mark in the list, or devices to examine with --check and --doctor "
-                  "[UBS_DEVICE, otherwise the default device, or all devices]")
+                  "[UBS_DEVICE; otherwise the default device is marked, or all devices are examined]")
       ->delimiter(',')
       ->type_name("A,B");
   CLI::Option* check =
       app->add_flag("--check", options->check,
-                    "compare every stage with float64; exit code 10 if a device computes wrong results");
+                    "compare every stage with a float64 reference; exit code 10 if a device computes wrong "
+                    "results");
   app->add_option("--dim", options->dims, "with --check: dimensions of the splats [3,6,7]")
       ->delimiter(',')
       ->check(from_to(kMinDim, kMaxDim))

@@ -29,8 +29,8 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr int kDim = 6;
-constexpr double kFewFree = 2.0;  // GiB
+constexpr int kDim = 6;           // number of dimensions for which devices are checked
+constexpr double kFewFree = 2.0;  // if less memory is free, this is reported as a problem [GiB]
 
 class Doctor {
  public:
@@ -88,7 +88,7 @@ class Doctor {
     json_["opencv"] = opencv;
     line("version    {}\nsystem     {}, {} threads; OpenCV {}", version_line(), text,
          std::thread::hardware_concurrency(),
-         opencv ? "yes" : "no: 'ubs view' and 'ubs report' are not available");
+         opencv ? "yes" : "no: 'ubs view', 'ubs report' and 'ubs web' are not available");
     double load[1] = {0};
     if (getloadavg(load, 1) != 1) return;
     json_["load"] = load[0];

@@ -3,8 +3,9 @@
 """Trains the runs of an experiment with `ubs train` and compares the results with published ones (docs/experiments.md).
 
 An experiment (data_specs/experiments/*.yaml) has rows, which are settings with a name, and scenes of data sets
-(data_specs/sets/*.yaml). A run is a row on a scene. This program reads the files, finds the data, lets `ubs` check the
-settings, starts `ubs train` and `ubs eval` for one run after another, and writes the tables after each.
+(data_specs/sets/*.yaml). A run is the training of a scene with the settings of a row. This program reads the files,
+finds the data, lets `ubs` check the settings, starts `ubs train` and `ubs eval` for one run after another, and writes
+the tables after each run.
 
 The files of a run are in OUT/runs/ROW.SET.SCENE. Before the training, this program writes job.json there, which states
 the settings and data of the run. At the end of the training, `ubs` writes metrics.json and renames checkpoint.ubs.
@@ -28,7 +29,7 @@ import yaml
 
 INTERNAL, USAGE, DATA, INTERRUPTED = 1, 2, 3, 130  # exit codes
 UTF8 = {"encoding": "utf-8", "errors": "surrogateescape"}  # paths may have any bytes
-AVERAGE = "average"  # replaces the name of a scene
+AVERAGE = "average"  # is used instead of the name of a scene for published averages
 # For each metric: its key in files, its heading, the number of decimals, whether it measures image quality, and its
 # definition. Metrics of image quality get a column of differences. The other metrics are costs.
 METRICS = {
@@ -75,7 +76,7 @@ def write(path, text):
 
 
 def check(code, output, log):
-    """If `ubs` failed, raises its error message, or else how it ended."""
+    """If `ubs` failed, raises a Failure with its error message or, if it printed none, with its exit code or signal."""
     if code != 0:
         how = f"ended by signal {-code}" if code < 0 else f"exit code {code}"
         messages = re.findall("^ubs: error: (.*)$", output, re.MULTILINE)
@@ -200,7 +201,7 @@ def load_experiment(path):
             for scene, values in scenes.items():
                 place, where = f"{data}/{scene}", f"{path}: row '{row['name']}': published: {data}: {scene}"
                 need(place in places, where, "is not a scene of this experiment")
-                need(len(values) == len(columns), where, f"needs {len(columns)} values, or null, as there are columns")
+                need(len(values) == len(columns), where, f"needs {len(columns)} values, one per column (or null)")
                 published[place] = {key: float(value) for key, value in zip(columns, values) if value != "null"}
         row["published"] = published
     return spec
@@ -236,7 +237,9 @@ class Run:
 
 
 def find_data(run, root, unique):
-    """Returns ROOT/SET/SCENE, or ROOT/SCENE if the scene name is unique among the sets. Each may be a packed file."""
+    """Returns the data of a run: ROOT/SET/SCENE or, if the scene name is unique among the data sets, ROOT/SCENE. The
+    data set and the scene may also have one of the names in `folders`. Each may be a packed file. Returns None if
+    nothing is found."""
     scenes = [run.scene, *run.about.get("folders", [])]
     places = [root / folder / scene for folder in [run.set["name"], *run.set.get("folders", [])] for scene in scenes]
     places += [root / scene for scene in scenes] if unique else []
@@ -374,8 +377,8 @@ def shown(lines):
 
 
 def write_tables(spec, runs, options):
-    """Writes table.md, table.csv and table.json, and returns the first. Their lines are ordered by data set and row;
-    averages follow the runs of a row."""
+    """Writes table.md, table.csv and table.json, and returns the text of table.md. With --task, writes no files. Lines
+    are ordered by data set and row; averages follow the runs of a row."""
     lines = []
     for data in spec["sets"]:
         for row in spec["rows"]:
@@ -448,7 +451,7 @@ def set_table(lines):
 
 
 def markdown(spec, runs, lines):
-    """Returns the tables of all data sets in Markdown, with what must be known to compare the values."""
+    """Returns the tables of all data sets in Markdown, and the information that is needed to compare the values."""
     done, source = [run for run in runs if run.state == "done"], spec["published"]["source"]
     changes = grouped((run.id, ", ".join(run.changes)) for run in done)
     missing = grouped((run.id, f"{run.state}: {run.reason}") for run in runs if run.reason)
@@ -540,20 +543,21 @@ def parse(arguments):
     ubs = str(built) if built.exists() else "ubs"
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0], allow_abbrev=False)
     add = parser.add_argument
-    add("spec", type=pathlib.Path, help="experiment, such as data_specs/experiments/main_table.yaml")
+    add("spec", type=pathlib.Path, help="file of the experiment, such as data_specs/experiments/main_table.yaml")
     add("--root", metavar="DIR", type=pathlib.Path, required=True, help="folder that contains the data sets")
     add("--out", metavar="DIR", type=pathlib.Path, help="output: table.md, table.csv, table.json, runs/ [out/NAME]")
     add("--ubs", metavar="PATH", default=ubs, help="executable [build/ubs of this source tree, or in PATH]")
     names = {"metavar": "A,B", "type": lambda text: text.split(","), "default": [], "action": "extend"}
-    add("--scenes", **names, help="only these scenes: lego, or dnerf/lego")
-    add("--rows", **names, help="only these rows (methods)")
+    add("--scenes", **names, help="only run these scenes, such as lego or dnerf/lego")
+    add("--rows", **names, help="only run these rows (methods)")
     add("--scale-down", metavar="K", type=int, nargs="?", const=4, default=1,
-        help="small version: images / K, splats / K^2, iterations / K; K = 4 if none is given")
+        help="run a smaller version: divide the width of the images and the iterations by K, and the number of splats "
+        "by K^2; K = 4 if it is omitted")
     add("--set", metavar="KEY=VALUE", default=[], action="append",
         help="a setting of all runs, such as iterations=2000 (repeatable)")
     add("--lpips-weights", metavar="FILE|DIR", type=pathlib.Path, default=os.environ.get("UBS_LPIPS_WEIGHTS"),
         help="weights of VGG16 for the column LPIPS: FILE, or DIR/lpips_vgg.safetensors [UBS_LPIPS_WEIGHTS]")
-    add("--device", help="as for `ubs train` [UBS_DEVICE]")
+    add("--device", help="device, as for `ubs train` [UBS_DEVICE]")
     add = parser.add_mutually_exclusive_group().add_argument
     add("--resume", action="store_true", help="keep finished runs with these settings, continue the interrupted one")
     add("--dry-run", action="store_true", help="only print the runs and the hours that `ubs plan` expects of each")

@@ -25,7 +25,7 @@ def tensor_name(key):
     head = re.fullmatch(r"lin(\d+)\.model\.\d+\.weight", key)
     if head:
         return f"lin{head.group(1)}.weight"
-    # Slices have the same numbers as torchvision's modules.
+    # The layers in slices have the same numbers as torchvision's modules.
     layer = re.fullmatch(r"net\.slice\d+\.(\d+\..*(?:weight|bias))", key)
     return f"features.{layer.group(1)}" if layer else None
 

@@ -1,9 +1,9 @@
 #!/bin/bash
 # SPDX-License-Identifier: Apache-2.0
 # Checks and measures ubs on a machine with a GPU, in two phases.
-# The first phase takes less than two minutes on 16 cores and checks that the card computes correctly. It runs
-# the device list, `ubs devices --check`, the tests with DEVICE and with OpenCL on the same card, memory
-# checks, and a short training twice to compare the results bit by bit, and with OpenCL to compare the quality.
+# The first phase takes less than two minutes on 16 cores and checks that the GPU computes correctly. It lists the
+# devices, runs `ubs devices --check`, the tests with DEVICE and with OpenCL on the same GPU, and memory checks. It
+# also runs a short training twice to compare the results bit by bit, and once with OpenCL to compare the quality.
 # The tests run in parallel; their complete logs are in OUT/right.tar.gz.
 # The second phase measures: tuning, a short and a long training, frames per second, times by stage, CUDA
 # compared with OpenCL. All later steps use the result of `ubs-lab tune` (docs/tuning.md), except where a step
@@ -16,7 +16,7 @@
 # there. Otherwise it builds the project that it belongs to (needs nvcc and what tools/setup.sh installs).
 # GPU_CHECK_SECONDS limits the total time (530 s). Each step has its own limit, which is longer if the total is
 # more than 530 s, and the first steps leave time for the long training and the steps after it.
-# To try the first phase without a card:
+# To try the first phase without a GPU:
 #   GPU_CHECK_PHASE=right GPU_CHECK_SECONDS=5300 gpu_check.sh OUT DATA.ubsd opencl:cpu
 # OUT/summary.txt reports every step and ends with the measured goals (docs/cuda.md). The exit code is the
 # number of failed steps.
@@ -27,7 +27,7 @@ device=${3:-cuda}
 limit=${GPU_CHECK_SECONDS:-530}
 scale=$(((limit + 529) / 530))
 phase=${GPU_CHECK_PHASE:-both}
-case $phase in right | fast | both) ;; *) echo "gpu_check.sh: GPU_CHECK_PHASE is right, fast or both, not '$phase'" >&2; exit 2 ;; esac
+case $phase in right | fast | both) ;; *) echo "gpu_check.sh: GPU_CHECK_PHASE must be right, fast or both, not '$phase'" >&2; exit 2 ;; esac
 iterations=${GPU_CHECK_ITERATIONS:-30000}
 garden=${GPU_CHECK_GARDEN:-$(dirname "$data")/test_garden}
 here=$(cd "$(dirname "$0")" && pwd)
@@ -53,7 +53,7 @@ verdict() {
   esac >>"$summary"
 }
 # step NAME MOST_SECONDS COMMAND...: runs a command. Its last line, or the test quality of a training, goes to
-# the summary, and all its output to the logs.
+# the summary, and its output (at most 400 kB) to the logs.
 step() {
   local name=$1 most=$(($2 * scale)) start=$SECONDS code
   shift 2
@@ -102,7 +102,7 @@ else
 fi
 ubs=$bin/ubs lab=$bin/ubs-lab
 
-# The card's OpenCL driver needs an ICD file, which containers often lack.
+# The OpenCL driver of the GPU needs an ICD file, which containers often lack.
 if [ ! -e /etc/OpenCL/vendors/nvidia.icd ] && [ -z "${OCL_ICD_VENDORS:-}" ]; then
   library=$(ldconfig -p 2>/dev/null | awk '/libnvidia-opencl\.so\.1/ { print $NF; exit }')
   [ -n "$library" ] || library=$(find /usr/local/nvidia /usr/lib -name 'libnvidia-opencl.so.1' 2>/dev/null | head -1)
@@ -184,7 +184,7 @@ if [ -e "$work/first/metrics.json" ] && [ -e "$work/opencl/metrics.json" ]; then
     END {
       a = psnr[ARGV[1]]; b = psnr[ARGV[2]]; difference = a - b
       if (difference < 0) difference = -difference
-      printf "test PSNR: %s %s dB, OpenCL %s dB, less than %s dB apart is required\n", device, a, b, bound
+      printf "test PSNR: %s %s dB, OpenCL %s dB; they must differ by less than %s dB\n", device, a, b, bound
       exit !(a != "" && b != "" && difference < bound)
     }' "$work/first/metrics.json" "$work/opencl/metrics.json"
 fi
@@ -215,7 +215,8 @@ reserve=$((limit * 15 / 100))
 step "quality, frames per second" 30 "$ubs" eval --model "$model" --data "$data" --device "$device" --fps-views 100 \
   --out "$out/eval_long.json" --overwrite
 
-# Times by stage, with both back ends on the card: first for scenes of a fixed size, then for the model.
+# The following steps measure times by stage, with both back ends on the GPU, for scenes of a fixed size and for the
+# trained model.
 devices=$device
 [ "$has_opencl" = yes ] && devices=$device,opencl:gpu
 scenes="$(printf '^[^.]*[.]synthetic[.]%s[.]' "${GPU_CHECK_SCENE:-300K}")"

@@ -5,10 +5,11 @@
     GSPLAT_SOURCE=/path/to/gsplat tools/gsplat_tests.py [options of pytest]
 
 GSPLAT_SOURCE is a checkout of gsplat 1.6 (https://github.com/nerfstudio-project/gsplat); it is not modified. The
-tests run in a copy in which the device is the CPU and which has 400 Gaussians instead of 10 000. Their reference,
-gsplat's _rasterization(), needs CUDA, so here it is gsplat's projection, covariances and harmonics in float64 with a
-dense compositor. Tests of CUDA operators, 3DGUT, lidar and distribution are skipped. Needs PyTorch and pytest, and the
-package ubs (an installed one, or PYTHONPATH and UBS_LIBRARY).
+tests run in a copy in which the device is the CPU and which has 400 Gaussians instead of 10 000. The tests compare with
+gsplat's _rasterization(), which needs CUDA. This script replaces it by a reference that uses gsplat's projection,
+covariances and spherical harmonics in float64, and blends all Gaussians at all pixels. Tests of CUDA operators, 3DGUT,
+lidar and distribution are skipped. Needs PyTorch and pytest, and the package ubs (an installed one, or PYTHONPATH and
+UBS_LIBRARY).
 
     GSPLAT_SOURCE=/path/to/gsplat tools/gsplat_tests.py --picture MODEL.ply DATA [VIEW ...]
 

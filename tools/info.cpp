@@ -45,7 +45,8 @@ Summary summarise(const SplatModel& model, int first_row, int rows) {
   return {low, sum / static_cast<double>(size), high};
 }
 
-// Returns activated values of all splats of all dimensions; `row_of` returns the first row in a layout.
+// Returns the activated values of a parameter with `rows` rows for the splats of all groups, in increasing
+// order. `row_of` returns the first row of the parameter in a layout.
 template <typename Row, typename Activation>
 std::vector<double> activated(const MixedModel& model, const Row& row_of, int rows,
                               const Activation& activation) {

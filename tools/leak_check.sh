@@ -1,9 +1,9 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
 # Builds the library and its tests with AddressSanitizer and UndefinedBehaviorSanitizer (preset `debug`, only
-# these targets) and runs them: two devices in a process, two threads with a renderer each, handles that are
-# created and freed. Fails if memory leaks or is misused. It takes minutes, so run it by hand; it is not part
-# of ctest (docs/library.md).
+# these targets) and runs the tests. They use two devices in a process and two threads with a renderer each, and
+# create and free handles. Fails if memory leaks or is misused. It takes minutes, so run it by hand; it is not
+# part of ctest (docs/library.md).
 #   tools/leak_check.sh [CMake option ...]
 set -eu
 cd "$(dirname "$0")/.."

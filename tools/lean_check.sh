@@ -1,8 +1,9 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
 # Builds the program in a new folder as for a minimal machine (no OpenCV, no OpenCL, libraries from a bundle).
-# Checks that it runs, which libraries it links, and that it reports what it cannot do. It takes minutes. Run
-# it by hand, because it is not part of ctest.
+# Checks that the program runs, that it links no library that a minimal machine lacks, and that `ubs pack` fails
+# with a message about OpenCV, because it cannot read images. This takes minutes. Run it by hand, because it is
+# not part of ctest.
 #   tools/lean_check.sh FOLDER [CMake option ...]
 # An existing bundle in FOLDER/bundle is used. Otherwise tools/make_bundle.sh makes one, which is not possible
 # on a minimal machine.

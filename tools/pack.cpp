@@ -17,7 +17,7 @@ namespace {
 
 std::vector<std::string_view> pack_keys() {
   std::vector<std::string_view> keys = keys_used(kOfReading);
-  keys.emplace_back("background");  // pixels are composited on it
+  keys.emplace_back("background");  // transparent images are composited on this colour
   return keys;
 }
 
@@ -69,9 +69,9 @@ int run(const PackOptions& options) {
 }  // namespace
 
 Command add_pack(CLI::App& root) {
-  CLI::App* app = root.add_subcommand("pack", "Write a data set as one file, for --data");
+  CLI::App* app = root.add_subcommand("pack", "Write a data set as one file that can be passed as --data");
   const auto options = std::make_shared<PackOptions>(*app);
-  app->add_option("data", options->data, "data folder of any layout that train reads")
+  app->add_option("data", options->data, "data folder of any layout that 'ubs train' reads")
       ->required()
       ->type_name("DATA");
   app->add_option("--out", options->out, "file to write, usually with the extension .ubsd")

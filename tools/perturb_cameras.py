@@ -4,7 +4,8 @@
 (docs/results/2026-11-22-cameras.md), or which are in another unit of length (docs/results/2026-11-28-unit.md).
 
   perturb_cameras.py perturb DATA OUT [DEGREES SHARE]   write a copy of a Blender or COLMAP folder whose cameras are
-                                                        rotated and shifted (by SHARE of the scene's extent)
+                                                        rotated by DEGREES (default 0.5) and shifted by SHARE of the
+                                                        scene's extent (default 0.01)
   perturb_cameras.py compare DATA OUT RUN               compare OUT and RUN/cameras with the correct cameras, which
                                                         are those of DATA: a data folder or a run
   perturb_cameras.py scale DATA OUT FACTOR              write a copy of a Blender, LLFF or COLMAP folder (with
@@ -29,7 +30,7 @@ def rotation_by(turn):
 
 def turn_of(r):
     axis = np.array([r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1]]) / 2
-    # For rotations of a few degrees, the sine equals the angle to a ten-thousandth.
+    # For rotations of up to 4 degrees, this sine differs from the angle by less than 1e-4 rad.
     return axis
 
 

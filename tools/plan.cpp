@@ -72,7 +72,7 @@ int plan_render(PlanOptions& options) {
 
 struct TrainingInput {
   TrainSettings settings;
-  bool uses_defaults = false;  // the settings that `ubs train` uses without --iterations
+  bool uses_defaults = false;  // `settings` are those that `ubs train` uses without --iterations and --budget
   Dataset data;
   Split train, test;
 };
@@ -110,7 +110,8 @@ int plan_train(const PlanOptions& options) {
   return 0;
 }
 
-// Calls `use` with the name and the value of each measured cost line of a device, in the order of RankCosts.
+// Calls `use` with the name and the value of each linear cost in RankCosts: a fixed time, and a time per
+// splat.
 template <typename Costs, typename Use>
 void for_lines(Costs& costs, const Use& use) {
   use("whole", costs.whole);

@@ -35,11 +35,11 @@ namespace {
 namespace fs = std::filesystem;
 using namespace ubs::reduce;
 
-constexpr double kMinBound = 1e-4, kMaxBound = 0.5;  // range in which the bound is searched for
-constexpr int kSearchSteps = 9;                      // determines the bound to 2 %
+constexpr double kMinBound = 1e-4, kMaxBound = 0.5;  // range of the bound for --max-loss-db
+constexpr int kSearchSteps = 9;                      // determines the bound for --max-loss-db to 2 %
 constexpr int kSizeSteps = 30;                       // determines the bound for --size to 2e-6 %
 constexpr double kMegabyte = 1e6;
-constexpr std::size_t kTimedViews = 40;
+constexpr std::size_t kTimedViews = 40;  // maximum number of views for the measurement of times
 
 struct ReduceOptions {
   explicit ReduceOptions(CLI::App& app) : settings(app, drawing_keys()) {}
@@ -196,8 +196,8 @@ double bound_for_bytes(const ReduceOptions& options, const Reducer& reducer,
   return high;
 }
 
-// Returns the largest bound whose loss on the training views is at most the allowed one, by bisection of its
-// logarithm.
+// Returns the largest bound in the range whose loss on the training views is at most the allowed one, or 0
+// if there is none. The bound is found by bisection of its logarithm.
 double search_bound(const ReduceOptions& options, Session& session, const Reducer& reducer,
                     std::vector<SearchStep>& steps) {
   const double before = session.train_psnr();
@@ -293,7 +293,7 @@ Command add_reduce(CLI::App& root) {
   add_model_option(*app, "model,--model", options->model)->required();
   app->add_option("data,--data", options->data, kRunDataHelp)->type_name("DIR|FILE");
   app->add_option("--out", options->out,
-                  "file for the reduced model, with a group for each number of dimensions of splats")
+                  "file for the reduced model; it has one group for each number of dimensions N")
       ->required()
       ->type_name("FILE");
   CLI::Option* loss = app->add_option("--max-loss-db", options->max_loss_db,
@@ -315,13 +315,13 @@ Command add_reduce(CLI::App& root) {
       ->excludes(loss)
       ->type_name("B");
   app->add_flag("--lossless", options->lossless,
-                "remove only what does not change the images of the training views")
+                "remove only splats and dimensions that do not change the images of the training views")
       ->excludes(loss);
   app->add_option("--only", options->only, "remove only splats, or only dimensions [all]")
       ->check(CLI::IsMember({"all", "splats", "dimensions"}))
       ->type_name("WHAT");
   app->add_option("--effects", options->effects,
-                  "CSV file with the contribution of each splat and its dimensions")
+                  "write the contributions of each splat and of its dimensions to this CSV file")
       ->type_name("FILE");
   app->add_flag("--details", options->details, "also measure training views and times, and print a table");
   add_device_option(*app, options->device);

@@ -31,7 +31,7 @@ struct ReductionReport {
   double bound = 0;  // bound of the chosen reduction; 0: lossless
   std::size_t bytes_before = 0, bytes_after = 0;
   std::array<reduce::ModelTimes, 2> times;
-  std::vector<SplitChange> splits;  // train and test, or only test
+  std::vector<SplitChange> splits;  // the measured splits: train, test or both
   std::vector<SearchStep> search;
 };
 

@@ -72,8 +72,8 @@ std::unique_ptr<FolderLock> take_outputs(const RenderOptions& options, const Spl
     for (const std::string& channel : options.channels)
       names.push_back(file_name(options, channel, view.name));
   auto held = take_folder(options.out, names, {options.data}, options.overwrite);
-  check_output_files({options.video}, {options.model, options.data},
-                     options.overwrite);  // it may be in the output folder
+  // The video may be in the output folder, so it is checked after take_folder() has created this folder.
+  check_output_files({options.video}, {options.model, options.data}, options.overwrite);
   return held;
 }
 
@@ -105,7 +105,8 @@ void check(const RenderOptions& options) {
 }
 
 // Returns the views of the data, or those along a path. A path is derived from the cameras of the training
-// views.
+// views or of the split that was chosen with --split. Without data, it is derived from the cameras that the
+// model lists.
 Split wanted_views(const RenderOptions& options, const LoadedModel& model, const TrainSettings& settings,
                    const std::optional<OpenedData>& opened) {
   std::string name = options.split;

@@ -147,7 +147,8 @@ std::optional<Views> find_views(RunRecord& run, const RunModel& model, const Rep
   return {};
 }
 
-// Returns the view of the split with the lowest PSNR in the run; "" if the run has not measured the split.
+// Returns the name of the view of the split with the lowest PSNR in the run, or "" if the run has not
+// measured the split.
 std::string worst_view(const RunRecord& run, const Split& split) {
   const auto* measured = run.find({"test", "views"});
   std::string worst;
@@ -294,7 +295,7 @@ ReportViewer viewer_if_packed(ReportRun& run, const LoadedModel& loaded,
   }
 }
 
-// Sets `viewer` to the viewer of the first run that has a model.
+// Opens all runs. Sets `viewer` to the viewer of the first run whose model can be shown in a viewer.
 std::vector<ReportRun> open_runs(ReportOptions& options, ReportViewer& viewer) {
   std::vector<ReportRun> runs;
   std::shared_ptr<Device> device;
@@ -371,7 +372,8 @@ Command add_report(CLI::App& root) {
   app->add_option("--data", options->data,
                   "data folder or packed file, instead of the one recorded in the runs")
       ->type_name("DIR|FILE");
-  app->add_option("--views", options->views, "test views to show, evenly spaced [3]")
+  app->add_option("--views", options->views,
+                  "number of test views to show; if more than one, the worst of the run is included [3]")
       ->check(from_to(1, 1000))
       ->type_name("N");
   app->add_flag("--no-viewer", options->no_viewer, "omit the interactive model at the top of the page");

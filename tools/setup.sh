@@ -32,7 +32,7 @@ packages=(
 # For the tests of the Python package
 test_packages=(python3-numpy python3-pil python3-pytest python3-torch python3-matplotlib mypy)
 
-# Tools for tests that check other drivers and GPUs without having them (tests/gates/README.md). Without these
+# Tools for tests of other drivers and GPUs on machines that do not have them (tests/gates/README.md). Without these
 # tools, the tests are skipped.
 gate_packages=(clang-15 oclgrind rocm-device-libs libclc-15
   chromium-headless-shell assimp-utils)                       # pages of ubs web, 96 MB; a reader of glTF
@@ -107,7 +107,7 @@ side by side  $out/run/renders/*.png (ground truth | render)
 TEXT
 }
 
-# A tool that cannot be fetched is not an error: the gates that need it are skipped with a message.
+# If a tool cannot be fetched, this is not an error: the gates that need it are skipped with a message.
 fetch_gates() {
   [ "${UBS_GATES:-}" = off ] && return
   # Package names with a version change between releases, and one unknown name makes apt install none of the
@@ -117,7 +117,7 @@ fetch_gates() {
   [ ${#known[@]} -eq ${#gate_packages[@]} ] ||
     echo "apt provides only these of the packages ${gate_packages[*]}: ${known[*]} (for the others, run apt-get update, or use another release)"
   (install_packages "${known[@]}") || echo "Tools of gates could not be installed."
-  # A separate process, because set -e has no effect in a function that is followed by `||`.
+  # These functions run in separate processes, because set -e has no effect in a function that is followed by `||`.
   bash tools/setup.sh fetch-drivers || echo "Mesa's rusticl and Intel's ocloc could not be fetched."
   bash tools/setup.sh fetch-pypi || echo "Tools of gates from PyPI could not be fetched."
 }
@@ -154,9 +154,9 @@ fetch_pypi() {
 
 # A successful run must include OpenCL tests: there must be a device and registered tests.
 run_tests() {
-  if [ ! -e /dev/nvidiactl ]; then  # one architecture is enough for tests without a card
+  if [ ! -e /dev/nvidiactl ]; then  # one architecture is enough for tests without a GPU
     export CUDAARCHS=${CUDAARCHS:-90}
-    echo "No NVIDIA device: CUDA code, if any, is only compiled for sm_$CUDAARCHS ('tools/setup.sh build': all cards)."
+    echo "No NVIDIA device: CUDA code is only compiled for sm_$CUDAARCHS ('tools/setup.sh build': for all GPUs)."
   fi
   build
   "$build/ubs" devices

@@ -44,9 +44,9 @@ Command add_synth(CLI::App& root) {
       ->check(from_to(1, 8192))
       ->excludes(width)
       ->excludes(height);
-  app->add_option("--views", scene.train_views, "training views")->capture_default_str();
-  app->add_option("--test-views", scene.test_views, "test views")->capture_default_str();
-  app->add_option("--val-views", scene.val_views, "validation views")->capture_default_str();
+  app->add_option("--views", scene.train_views, "number of training views")->capture_default_str();
+  app->add_option("--test-views", scene.test_views, "number of test views")->capture_default_str();
+  app->add_option("--val-views", scene.val_views, "number of validation views")->capture_default_str();
   app->add_option("--supersampling", scene.supersampling, "number of rays per pixel along each axis")
       ->capture_default_str();
   app->add_option("--seed", scene.seed, "seed of the camera positions and of the shape of the cloud")

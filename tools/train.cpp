@@ -58,14 +58,15 @@ struct TrainOptions {
 // Steps are measured with the number of splats of a run with this many iterations.
 constexpr int kFewIterations = 600;
 
-// Copies what a time budget or Ctrl-C has changed so far to the settings of the run.
+// Copies the settings that a time budget or Ctrl-C has changed so far from the trainer to the settings of
+// the run.
 void take_pace(const Trainer& trainer, TrainSettings& settings) {
   settings.iterations = trainer.settings().iterations;
   settings.work_shares = trainer.settings().work_shares;
   settings.growth_end = trainer.settings().growth_end;
 }
 
-// After the first Ctrl-C: lets the run do the last part of its schedule and end.
+// Is called after the first Ctrl-C. Lets the run do the last part of its schedule and end.
 void complete_early(Trainer& trainer, const StepReport& report, Progress& progress) {
   const double seconds = cooldown_seconds(report.seconds, report.expected_left());
   trainer.complete_in(seconds);

@@ -28,11 +28,13 @@ Json minutes_json(const Trainer& trainer, double spent) {
   return {{"total", trainer.seconds() / 60}, {"sampled_views", samples}, {"stages", std::move(stages)}};
 }
 
-// Difference between the PSNR of training and test views that is reported (docs/training.md).
+// If the PSNR of training views is higher than that of test views by more than this, a line of the summary
+// reports it [dB] (docs/training.md).
 constexpr double kOverfit = 6;
 
-// Returns the PSNR from the fitted pose or with the fitted appearance if the run determines these, because
-// the training views have them too.
+// Returns the highest of the PSNR, the PSNR from the fitted pose and the PSNR with the fitted appearance, as
+// far as the run determines these. Training views are rendered with learnt poses and appearances, so test
+// views must be compared with them in this way.
 double comparable_psnr(const ViewMetrics& mean) {
   double psnr = mean.psnr_channel_mean;
   for (const auto& fit : {mean.fitted, mean.posed})

@@ -37,8 +37,9 @@ void print_start(const Dataset& data, const Split& train, const Split& test, con
 void print_summary(const Start& start, const RunFolder& folder, Trainer& trainer, const Outcome& outcome,
                    std::uint64_t peak_bytes, std::size_t renders);
 
-// Returns metrics.json without the parts about files: storage and data report. `peak_bytes` is the peak
-// memory of training, and `spent` the part of Trainer::seconds() before the first iteration.
+// Returns the main part of metrics.json. The caller adds further entries, such as storage_bytes, data_report
+// and the times before training. `peak_bytes` is the peak memory of training, and `spent` is the part of
+// Trainer::seconds() before the first iteration.
 Json run_json(const Start& start, const Device& device, std::uint64_t peak_bytes, double spent,
               Trainer& trainer, const Outcome& outcome);
 

@@ -73,7 +73,8 @@ TrainSettings default_settings(const NewSettings& run, const Dataset& data, cons
 
 namespace {
 
-// Returns whether a run that ended before its first step left the folder. A run in progress holds the lock.
+// Returns whether the folder contains only the lock file of a run that ended before its first step. Returns
+// false if a run in progress holds the lock.
 bool is_left_empty(const std::filesystem::path& folder) {
   try {
     const auto entries = folder_entries(folder);
@@ -102,7 +103,7 @@ void check_kind(const std::filesystem::path& data) {
          data.string(), name);
   if (const std::string hint = how_to_make_images(data); !hint.empty())
     fail(ErrorKind::data, "{}: {}", data.string(), hint);
-  if (has_image_extension(data) || is({".avif"}))  // ubs does not read the latter
+  if (has_image_extension(data) || is({".avif"}))  // ubs does not read .avif files
     fail(ErrorKind::data,
          "{}: this is one image: pass a folder of images with their cameras ('ubs cameras FOLDER' "
          "finds the cameras)",

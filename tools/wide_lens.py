@@ -42,7 +42,7 @@ def run(ubs, *arguments):
 
 
 def quaternion(rotation):
-    """Returns w, x, y, z of a rotation matrix (the method of Bar-Itzhack)."""
+    """Returns the quaternion w, x, y, z of a rotation matrix (the method of Bar-Itzhack)."""
     r = rotation
     matrix = np.array(
         [
@@ -57,7 +57,7 @@ def quaternion(rotation):
 
 
 def poses(count, phase):
-    """Returns positions around the origin, and rotations that look at a point above it."""
+    """Yields names, positions around the origin, and rotations that look at a point above the origin."""
     for i in range(count):
         angle = 2 * math.pi * (i + phase) / count
         radius, height = 1.6 + 1.2 * ((0.37 * i + phase) % 1), 0.5 + (0.61 * i + phase) % 1
@@ -74,7 +74,7 @@ def face_views(views, faces):
 
 
 def face_mask(face):
-    """Returns which pixels of a face show directions within LIMIT of the axis of the wide image."""
+    """Returns the mask of the pixels of a face that show directions within LIMIT of the axis of the wide image."""
     y, x = np.mgrid[0 : FACE[1], 0 : FACE[0]]
     ray = np.stack([(x + 0.5 - FACE[0] / 2) / FACE_FOCAL, (y + 0.5 - FACE[1] / 2) / FACE_FOCAL, np.ones(x.shape)], -1)
     return np.arccos((ray @ np.array(FACES[face]))[..., 2] / np.linalg.norm(ray, axis=-1)) <= LIMIT
@@ -86,7 +86,8 @@ def fisheye_mask():
 
 
 def write_set(folder, camera, size, views, masks=None):
-    """Writes a COLMAP text model with black images, and masks by the name of the view."""
+    """Writes a COLMAP text model with black images. If `masks` is given, also writes the masks that it returns for the
+    names of the views."""
     for part in ("images", "sparse/0"):
         (folder / part).mkdir(parents=True)
     lines = []

@@ -37,9 +37,9 @@ std::unique_ptr<CameraPath> spiral_path(const SceneFrame& frame, double fov, dou
 // Needs at least one pose. If `closed` is set, the path returns to the first pose.
 std::unique_ptr<CameraPath> keyframe_path(std::vector<Pose> keyframes, bool closed, bool has_time);
 
-// Returns a path through at most twelve of the cameras, chosen at even intervals. The path keeps their order,
-// unless this makes it more than 1.5 times as long as a path that goes from each camera to the nearest
-// remaining one; then it returns the latter path. Needs at least one camera.
+// Returns a path through at most twelve of the cameras, chosen at even intervals. The path keeps the order of
+// the cameras, unless this makes it more than 1.5 times as long as the path that goes from each camera to the
+// nearest remaining one. In this case, the function returns the shorter path. Needs at least one camera.
 std::unique_ptr<CameraPath> walk_path(std::span<const Camera> cameras, double fov);
 
 // Returns the value of u for each of `frames` images, evenly spaced from 0 to 1. For closed paths the value 1

@@ -72,8 +72,8 @@ std::array<ModelTimes, 2> measure_times(Device& device, const std::array<TimedMo
     const Target target = targets.get(view);
     for (std::size_t turn = 0; turn < 2; ++turn) {
       const std::size_t m =
-          // Which model is measured first alternates, because the second one benefits from the caches that
-          // the first one has filled.
+          // The model that is measured first alternates from round to round, because the second one benefits
+          // from the caches that the first one has filled.
           (turn + round) % 2;
       const double drawn = milliseconds(
           device, [&] { models[m].renderer->forward(models[m].model->view(), view, settings, false); });

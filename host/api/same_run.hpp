@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // These functions check whether a resumed run will give a result that is bit-identical to that of an
-// uninterrupted run.
+// uninterrupted run, and whether all ranks of a job run the same training.
 #pragma once
 
 #include <string>
@@ -22,7 +22,7 @@ Checkpoint identity(const TrainSettings& settings, std::string data, std::uint32
                     const Device& device);
 
 // Compares the checkpoint `before` with the resumed run `now`. Throws Error(data) if they have different
-// data, or different devices without `any_device`. If only the build differs, logs a warning.
+// data, or if they have different devices and `any_device` is false. If the builds differ, logs a warning.
 void check_same_run(const Checkpoint& before, const Checkpoint& now, bool any_device);
 
 // Compares the runs of all ranks before the training. Throws Error(usage) on all ranks if a rank has another

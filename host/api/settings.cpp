@@ -22,8 +22,8 @@ bool has_effect(std::string_view key, ubs_use use) {
       return is_used(key, kOfDrawing) || is_form(key);
     case UBS_USE_RENDERER:
       return is_used(key, kOfKernels | kOfDrawing) || key == "raster";
-    // A trainer ignores the settings that can be changed when a run is resumed, because the caller evaluates
-    // and saves, and because the data have been read already.
+    // Except for eval_every and on_nan, a trainer ignores the settings that can be changed when a run is
+    // resumed, because the caller saves the results, and because the data have been read already.
     case UBS_USE_TRAINER:
       return !is_used(key, kFreeOnResume) || key == "eval_every" || key == "on_nan";
   }

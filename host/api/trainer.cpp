@@ -63,8 +63,8 @@ void check_as_opened(TrainSettings settings, const ubs_data& data) {
   }
 }
 
-// Returns the initial model for the training: a model of the caller, converted to the unit of training.
-// Throws Error(usage) if it cannot be trained with these settings.
+// Converts a model of the caller to the unit of training, and returns it as the initial model of the
+// training. Throws Error(usage) if the model cannot be trained with these settings.
 SplatModel as_first(const LoadedModel& loaded, const std::array<double, 3>& offset,
                     const TrainSettings& settings) {
   const SplatModel& model = loaded.model.single("training");

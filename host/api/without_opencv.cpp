@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// This file contains the functions of host/api/picture.hpp and of VideoWriter for builds without OpenCV
-// (UBS_OPENCV=OFF). They throw an error. Such a build can render views to image files, but cannot write
-// videos.
+// This file contains functions of host/api/picture.hpp and of host/data/video_writer.hpp for builds without
+// OpenCV (UBS_OPENCV=OFF). Such a build can render views to image files, but cannot write videos. Therefore
+// the functions throw an error, except video_extensions(), whose result is a part of a message.
 #include "host/api/picture.hpp"
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"

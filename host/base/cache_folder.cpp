@@ -61,7 +61,7 @@ std::string private_defect(const fs::path& folder) {
   struct stat status {};
   if (::lstat(folder.c_str(), &status) != 0) return reason(errno);
   if (!S_ISDIR(status.st_mode)) return "it is not a folder";
-  if (status.st_uid != ::geteuid() || (status.st_mode & 077) != 0) return "other users can write to it";
+  if (status.st_uid != ::geteuid() || (status.st_mode & 077) != 0) return "other users have access to it";
   return cache_defect(folder);
 }
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // These functions choose folders for cached files, which can be created again at any time. The default folder
 // is $XDG_CACHE_HOME/ubs, or ~/.cache/ubs if XDG_CACHE_HOME is not set. A folder for compiled kernels is only
-// used if files can be written to it.
+// used if files can be written to it and the file system allows running code from it.
 #pragma once
 
 #include <cstdint>
@@ -20,8 +20,8 @@ std::filesystem::path cache_folder(const char* override_name);
 // removes the file again. Never throws.
 std::string cache_defect(const std::filesystem::path& folder);
 
-// Returns <temporary folder>/ubs-<user number>, which only this user can write to, or an empty path if it
-// cannot be created.
+// Returns the folder ubs-<user number> in the folder of the system for temporary files. Only this user can
+// access it. Returns an empty path if the folder cannot be created or used.
 std::filesystem::path temporary_cache();
 
 // Returns a folder that only this process uses, and that is removed when the process ends. Some drivers

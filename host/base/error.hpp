@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Error is the exception type of the project. Its kind determines the exit code of the command line tool (see
-// exit_code()). Its message is a single line. It states the problem, the place, and what the user can do
-// about it.
+// exit_code()). Its message states the problem, the place, and what the user can do about it. The message is
+// a single line, except that a message of kind `build` may also contain the log of the compiler.
 #pragma once
 
 #include <fmt/format.h>

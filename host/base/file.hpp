@@ -3,9 +3,9 @@
 // incomplete file. To this end, the data are written to a temporary file in the same folder, which is then
 // renamed to the final name. Every error message contains the path.
 //
-// When commit() returns, the file is on the disk, because the file is synchronised before it is renamed, and
-// its folder afterwards. Therefore either the old or the new file exists after a power failure. If the new
-// file exists, all files that were written before it exist too.
+// When commit() returns for a file with FileUse::result, the file is on the disk, because the file is
+// synchronised before it is renamed, and its folder afterwards. Therefore either the old or the new file
+// exists after a power failure. If the new file exists, all such files that were written before it exist too.
 #pragma once
 
 #include <cstddef>

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // FolderLock prevents two processes from writing their results to the same folder. It locks the file
-// ".ubs-lock" in this folder, which contains the number of the process that has the lock. The operating
-// system releases the lock when this process ends.
+// ".ubs-lock" in this folder. The file contains the number of the process that has the lock, its machine and
+// the time. The operating system releases the lock when this process ends.
 #pragma once
 
 #include <filesystem>

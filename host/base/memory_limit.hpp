@@ -37,8 +37,8 @@ MemoryRoom process_memory() noexcept;
 // needs, are subtracted.
 std::uint64_t memory_left();
 
-// Returns the memory [bytes] that is available for data other than device buffers: it is free on the machine
-// without swapping, and within all limits.
+// Returns the memory [bytes] that this process can still allocate for data other than device buffers, so that
+// the machine does not swap and no limit is exceeded.
 std::uint64_t memory_available();
 
 // Throws Error(memory) if `bytes` exceeds memory_available(). The message starts with `what` and contains

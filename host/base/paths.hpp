@@ -45,7 +45,8 @@ std::filesystem::path absolute_path(const std::filesystem::path& path);
 std::filesystem::path resolved_path(const std::filesystem::path& path);
 // Returns the extension in lower case, including the dot. Some programs write extensions in upper case.
 std::string small_extension(const std::filesystem::path& file);
-// Returns the folder of the system for temporary files: $TMPDIR, or /tmp if this variable is not set.
+// Returns the folder of the system for temporary files, which is the value of the first of the variables
+// TMPDIR, TMP, TEMP and TEMPDIR that is set, or /tmp if none is set.
 std::filesystem::path temporary_folder();
 // Returns the path of the executable of this process.
 std::filesystem::path this_executable();

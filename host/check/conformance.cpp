@@ -13,9 +13,8 @@
 namespace ubs::check {
 namespace {
 
-// Maximum relative errors (2-norms). They are not larger than those of
-// tests/pipeline/oracle_comparison_test.cpp. docs/check.md links to the largest errors that were measured,
-// and to the reasons for these bounds.
+// Maximum relative errors (2-norms). docs/check.md links to the largest errors that were measured, and to the
+// reasons for these bounds.
 constexpr double kProjection = 1e-4, kForward = 1e-5, kBackward = 1e-4, kProjectBackward = 1e-4,
                  kImage = 1e-4, kGradient = 1e-3;
 

@@ -10,9 +10,10 @@
 
 namespace ubs::check {
 
-// Returns one finding per stage, in the order of the stages in an iteration. The kernels are configured with
-// checked_config(subject.config). Throws Error(build) if the kernels cannot be compiled, Error(memory) if the
-// device has too little memory, and Error(device) if the driver fails.
+// Runs the checks of the parts in subject.parts, and returns one finding per check, in the order in which the
+// checks run. The kernels are configured with checked_config(subject.config). Throws Error(build) if the
+// kernels cannot be compiled, Error(memory) if the device has too little memory, and Error(device) if the
+// driver fails.
 Findings examine(Device& device, const Subject& subject);
 
 // Returns the first finding whose error exceeds its bound, or null if there is none.

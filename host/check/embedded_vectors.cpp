@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// This file embeds the file that ubs_check_vectors writes into the program. UBS_CHECK_VECTORS is the path of
-// this file.
+// During the build, ubs_check_vectors writes the expected results of the device check to a file. This source
+// embeds that file in the program. UBS_CHECK_VECTORS is the path of that file.
 #include "host/check/vectors.hpp"
 
 #ifdef _WIN32

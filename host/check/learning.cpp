@@ -7,10 +7,10 @@
 namespace ubs::check {
 namespace {
 
-// Maximum errors. docs/check.md links to the largest errors that were measured, and to the reasons for these
-// bounds.
+// Maximum relative error of the gradient. docs/check.md links to the largest errors that were measured, and
+// to the reasons for the bounds.
 constexpr double kGradientBound = 1e-4;
-// The same bounds as in tests/stages/optimiser_test.cpp.
+// Bounds for an Adam step. They are those of tests/stages/optimiser_test.cpp.
 constexpr double kParameterBound = 4.4e-7, kMoment1Bound = 3.4e-7, kMoment2Bound = 3.6e-7;
 // The largest errors that were measured are 9.5e-8 on CPUs and 1.26e-7 on an H100. The bound is larger,
 // because GPUs may compute exponentials and divisions with an error of 3 ulp each.

@@ -6,8 +6,8 @@
 namespace ubs::check {
 namespace {
 
-// Maximum errors. docs/check.md links to the largest errors that were measured, and to the reasons for these
-// bounds.
+// Maximum absolute error of the values, and maximum relative error of the gradient. docs/check.md links to
+// the largest errors that were measured, and to the reasons for these bounds.
 constexpr double kValueBound = 1e-6, kImageGradientBound = 1e-5;
 
 void add_values(Worst& worst, const std::vector<float>& sums, const LossValues& expected) {

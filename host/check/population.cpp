@@ -16,7 +16,8 @@ constexpr float kDead = -8;  // raw opacity of dead splats
 // allows errors of 3 ulp for exp, log and division. Raw opacities are as large as 5, so an error of 3 ulp of
 // such a logarithm is 1.4e-6, and the total error can be 1.8e-6. The bound is twice that.
 constexpr double kOpacityBound = 3.6e-6;
-// The same bound as in tests/stages/mcmc_test.cpp, where the largest error was 8.5e-6.
+// Bound for the positions after noise was added. It is that of tests/stages/mcmc_test.cpp, where the largest
+// error was 8.5e-6.
 constexpr double kNoiseBound = 1.7e-5;
 
 class PopulationOnDevice {

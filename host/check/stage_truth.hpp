@@ -25,8 +25,8 @@ struct Problem {
   double near_plane = 0.01, far_plane = 1e10, eps2d = 0.3;
   LossWeights loss = loss_weights(0.2f);
   bool query_grad = false;
-  // One value per pixel, or empty. It is 1 for pixels that are not compared and have no gradient, because
-  // their values depend on rounding.
+  // One value per pixel, or empty. The value is 1 for pixels that are not compared and have no gradient,
+  // because the colours of these pixels depend on rounding. It is 0 for other pixels.
   std::vector<std::uint8_t> undecided;
 };
 

@@ -21,9 +21,10 @@ struct JobLimits {
 // was not started by a launcher, and 0 if the launcher does not report the number.
 int launched_ranks();
 
-// Connects this process to the other processes of its job. Returns null if it was not started by a launcher.
-// Child processes of this process do not belong to the job. Throws Error(usage) if a launcher has started
-// several processes and this build has no MPI.
+// Connects this process to the other processes of its job. Returns null if the process was not started by a
+// launcher, or if the launcher has started only this process. Child processes of this process do not belong
+// to the job. Throws Error(usage) if this build has no MPI, and a launcher has started several processes or
+// does not report their number.
 std::unique_ptr<Communicator> join_job(JobLimits limits = {});
 // Ends all processes of the job with this exit code. Ranks that cannot continue call it. join_job() must have
 // been called before.

@@ -12,7 +12,7 @@
 namespace ubs {
 
 struct Alignment {
-  // One per view. A view whose image has too few corners keeps its given camera.
+  // The corrected cameras, one per view. A view whose image has too few corners keeps its given camera.
   std::vector<Camera> cameras;
   // Number of points that the final poses were computed from, and number of cameras that were corrected.
   std::size_t points = 0, aligned = 0;

@@ -26,9 +26,9 @@ bool has_blender_split(const std::filesystem::path& folder, const std::string& s
 //
 // If `lazy` is set, views get an image source instead of pixels.
 //
-// If a `report` is passed and images are wanted, a missing image of the train split is an error. In other
-// splits, views without an image file are skipped, and the split is empty if no image file exists; the report
-// gets a note in both cases. Without a `report`, a view whose image file does not exist is kept with an empty
+// If a `report` is passed and options.load_images is set, a missing image of the train split is an error. In
+// other splits, views without an image file are skipped, and the split is empty if no image file exists; the
+// report gets a note in both cases. Otherwise, a view whose image file does not exist is kept with an empty
 // image if the JSON has w and h.
 Split load_blender_split(const std::filesystem::path& folder, const std::string& split,
                          const DatasetOptions& options = {}, bool lazy = false, LoadReport* report = nullptr);

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // load_colmap() loads a COLMAP folder as a data set. The folder contains a sparse model, images and optional
-// masks. The views are sorted by name and split into train and test views.
+// masks. The views are divided into train and test views: by name, or, if there are few images, by the
+// positions of their cameras (split_views.hpp).
 
 #include <fmt/ranges.h>
 

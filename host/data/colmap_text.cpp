@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// This file reads COLMAP's text files. They have one record per line, and lines that start with '#' are
-// comments. In images.txt every second line holds observations and may be empty. Error messages name the file
-// and the line.
+// This file reads COLMAP's text files. Lines that start with '#' are comments. cameras.txt and points3D.txt
+// have one line per camera or point. images.txt has two lines per image: the first describes the image, and
+// the second holds its observations and may be empty. Error messages name the file and the line.
 #include <algorithm>
 #include <charconv>
 #include <cmath>
@@ -70,17 +70,18 @@ class LineReader {
     return value;
   }
 
-  // Returns whether the line holds observations. Each observation consists of three numbers: x, y and the
-  // number of a point. A line that describes an image consists of nine numbers and a file name. So one of its
-  // first words is not a number, or, if the file name is a number too, its ten words are not a multiple of
-  // three.
+  // Returns whether the line is empty or holds observations. Each observation consists of three numbers: x, y
+  // and the number of a point. A line that describes an image consists of nine numbers and a file name. It is
+  // recognised because one of its first twelve words is not a number. If the file name is a number too, the
+  // line is recognised because it has ten words, which is not a multiple of three.
   bool has_observations() const {
     std::size_t words = 0;
     for (std::size_t at = 0; (at = line_.find_first_not_of(" \t", at)) != std::string_view::npos;) {
       const std::size_t end = std::min(line_.find_first_of(" \t", at), line_.size());
       double ignored = 0;
       const auto result = std::from_chars(line_.data() + at, line_.data() + end, ignored);
-      // Number of words that are checked. The file name in a line that describes an image is the tenth word.
+      // Number of words that are checked. The file name in a line that describes an image starts with the
+      // tenth word.
       constexpr std::size_t kLooked = 12;
       if (words < kLooked && (result.ec == std::errc::invalid_argument || result.ptr != line_.data() + end))
         return false;

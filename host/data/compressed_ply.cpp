@@ -1,10 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// Reads SuperSplat's compressed PLY; see foreign_formats.hpp. The file has three elements:
-// - chunk: bounds of the positions and log scales of 256 splats per chunk; since version 2 also bounds of
-//   their colours
-// - vertex: position and scale in 11+10+11 bits each, colour and opacity in 4 x 8 bits, rotation in 2 bits
-//   (index of the largest component) + 3 x 10 bits
-// - sh: f_rest_* in 8 bits each
+// Reads SuperSplat's compressed PLY; see foreign_formats.hpp. The file has these elements:
+// - chunk: one row per chunk of 256 splats, with the bounds of the positions and log scales of these splats;
+//   since version 2 also with the bounds of their colours
+// - vertex: one row per splat. Position and scale have 11+10+11 bits each. Colour and opacity have 4 x 8
+//   bits. The rotation has 2 bits for the index of the largest component and 10 bits for each of the other
+//   three.
+// - sh (optional): one row per splat with the properties f_rest_*, which have 8 bits each
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
@@ -108,8 +109,8 @@ Chunks read_chunks(std::ifstream& stream, const PlyElement& element, const std::
   return chunks;
 }
 
-// Decodes 8 bits to [-4, 4]. The two end values are exact; each other code stands for the middle of its
-// interval.
+// Decodes 8 bits to [-4, 4]. This range is divided into 256 equal intervals, one per code. The code 0 stands
+// for -4, the code 255 for 4, and every other code for the middle of its interval.
 float unpack_sh(std::uint8_t v) {
   const float t = v == 0 ? 0.0f : v == 255 ? 1.0f : (static_cast<float>(v) + 0.5f) / 256.0f;
   return (t - 0.5f) * 8.0f;

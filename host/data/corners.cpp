@@ -14,13 +14,14 @@
 namespace ubs {
 namespace {
 
-constexpr int kSearchedAcross = 800;     // [px] images are reduced to this size before the search
+constexpr int kSearchedAcross = 800;     // [px] images with a longer side are reduced to this size first
 constexpr int kCorners = 2000;           // maximum number of dense corners per image
 constexpr double kCornerQuality = 2e-3;  // minimum quality, relative to the strongest corner
 constexpr double kCornerDistance = 2;    // [px] minimum distance between two corners
 constexpr float kCornerSize = 3;         // [px] size of the descriptor of a dense corner
+// Parameters of SIFT for distinct corners: maximum number of corners per image, and layers per octave.
 constexpr int kFeatures = 3000, kOctaveLayers = 3;
-// OpenCV's default is 0.04, which gives too few features in small images.
+// Contrast threshold of SIFT. OpenCV's default is 0.04, which gives too few features in small images.
 constexpr double kFeatureContrast = 0.005;
 constexpr double kCell = 16;  // [px of the searched image] side of the cells that corners are sorted into
 // A match is accepted if the distance to the best descriptor in the search band is at most this fraction of

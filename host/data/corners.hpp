@@ -37,26 +37,29 @@ struct Corners {
 };
 
 // Finds the corners of an image and computes their SIFT descriptors. Images whose longer side exceeds 800
-// pixels are reduced to this size before the search. Dense corners are at whole pixels; their descriptors are
-// not rotated and have a small fixed size. Distinct corners are at subpixel positions, and each of them has a
-// size and a direction, which its descriptor follows.
+// pixels are reduced before the search, so that this side has 800 pixels. Dense corners are at whole pixels;
+// their descriptors are not rotated and have a small fixed size. Distinct corners are at subpixel positions,
+// and each of them has a size and a direction, which its descriptor follows.
 enum class CornerKind { dense, distinct };
 Corners find_corners(const View& view, CornerKind kind);
 
-// Pairs each camera with at most `most` other cameras that probably see a similar part of the scene. These
-// are the cameras with the nearest positions and the most similar directions; cameras at the same position
-// are not paired. Returns the pairs of indices, sorted and without duplicates.
+// Chooses, for each camera, at most `most` other cameras that probably see a similar part of the scene. These
+// are the cameras with the nearest positions and the most similar viewing directions. Cameras at the same
+// position, and cameras whose directions differ by 60 degrees or more, are not paired. Returns the pairs of
+// indices, sorted and without duplicates.
 std::vector<std::pair<std::size_t, std::size_t>> neighbours(std::span<const Camera> cameras,
                                                             std::size_t most);
 
-// Returns, for each corner of `from`, the index of the corner of `to` with the most similar descriptor, or -1
-// if no corner is similar enough. Only corners at most `band` pixels of the searched image away from the
-// epipolar line are considered.
+// Returns, for each corner of `from`, the index of the corner of `to` with the most similar descriptor. Only
+// corners of `to` that are at most `band` pixels of its searched image away from the epipolar line are
+// considered. Returns -1 for a corner if there are none, or if the second most similar descriptor is nearly
+// as similar.
 std::vector<std::ptrdiff_t> best_along_lines(const Corners& from, const Corners& to, double band);
 
 // Transforms a point from world space to the space of the camera.
 Vec3 in_camera(const Camera& camera, const Vec3& point);
-// Returns the pixel at which the camera sees the point, if the point is in front of it.
+// Returns the position of the projected point [px], which may be outside of the image, or nullopt if the
+// point is not in front of the camera.
 std::optional<Pixel> seen_at(const Camera& camera, const Vec3& point);
 
 // Returns the index of the pixel that contains `at`, or of the nearest pixel if `at` is outside of the image.

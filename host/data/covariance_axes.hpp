@@ -15,7 +15,7 @@ struct CovarianceAxes {
 };
 
 // Decomposes a covariance. All variances of the result are positive: a variance that is smaller than a
-// millionth of the largest variance is raised to this value.
+// millionth of the largest variance, or than 1e-30, is raised to the larger of these two values.
 CovarianceAxes covariance_axes(const double (&covariance)[3][3]);
 
 // Decomposes M M^T, where M is `factor`. The singular values of M are used, because they are accurate for

@@ -12,7 +12,8 @@ namespace ubs {
 
 class DataRoot {
  public:
-  // `data` is the data folder, or a file in it. The path may be a symbolic link.
+  // `data` is the data folder, or a file in it. The path may be a symbolic link. If `allow_outside` is true,
+  // files in all folders may be read.
   DataRoot(const std::filesystem::path& data, bool allow_outside);
   // Also allows files of another folder, which the user passed.
   void add(const std::filesystem::path& folder);
@@ -22,7 +23,7 @@ class DataRoot {
   // accepted.
   const std::filesystem::path& check(const std::filesystem::path& path, const std::string& where = "") const;
 
-  // Returns whether the path, after resolving all links, is outside of the allowed folders.
+  // Returns whether the path exists and, after resolving all links, is outside of the allowed folders.
   bool leads_outside(const std::filesystem::path& path) const;
 
  private:

@@ -25,13 +25,14 @@ class SplatSeries;
 // Read and write the standard PLY files of 3DGS. Their properties are the position, f_dc_*, f_rest_* (one
 // channel after the other), scale_*, rot_* and opacity. The reader accepts binary and ASCII files, the
 // properties in any order and with any number type, and adds a note that names properties that are not used.
-// Files without scale_2 (2DGS) give flat splats. The reader also accepts DBS files (method.md 5.2); it keeps
-// their spherical Beta lobes if the spherical harmonics have degree 0.
+// Files without scale_2 (2DGS) give flat splats. The reader also accepts DBS files (method.md 5.2). It keeps
+// their spherical Beta lobes if there are at most three lobes per splat and the spherical harmonics have
+// degree 0.
 ImportedSplats read_gaussian_ply(const std::filesystem::path& path);
 void write_gaussian_ply(const std::filesystem::path& path, const ImportedSplats& splats);
 
-// Reads SuperSplat's compressed PLY. It stores bounds for each chunk of 256 splats, and four packed 32-bit
-// words per splat.
+// Reads SuperSplat's compressed PLY. It stores bounds for each chunk of 256 splats, four packed 32-bit words
+// per splat, and optionally spherical harmonics with 8 bits per coefficient.
 ImportedSplats read_compressed_ply(const std::filesystem::path& path);
 
 // Read and write Niantic's SPZ format. The file stores coordinates with y up and z backward. They are
@@ -67,7 +68,7 @@ ImportedSplats read_sog(const std::filesystem::path& path);
 // Reads SOG without removing the splats that cannot be rendered, so the indices are those of the file.
 ImportedSplats load_sog(const std::filesystem::path& path);
 // Returns the path of the file `member`, whose name is stated in the file `path`. Throws Error(data) if the
-// name does not lead to the folder of `path`.
+// name is an absolute path or contains "..", because the file could then be outside of the folder of `path`.
 std::filesystem::path file_beside(const std::filesystem::path& path, const std::string& member);
 // Reads SOG from the bytes of a ZIP archive.
 ImportedSplats parse_sog(std::span<const std::byte> file, const std::string& name);
@@ -80,17 +81,19 @@ ImportedSplats read_streamed_sog(const std::filesystem::path& path);
 
 // Read and write OpenUSD text files with the schema UsdVol ParticleField3DGaussianSplat of OpenUSD 26.03.
 // Coordinates have y up, and are converted to and from the axes of PLY files by a rotation of 180 degrees
-// about x. The offset of the splats is stored as a translation in double precision. write_usda_series()
-// writes a series to one file. Its time samples have the time codes 0, 1, 2, ...; attributes that are the
-// same at all time samples are stored once. The reader loads the float or half attributes of all splat prims
-// in the layer itself. If the file has time samples, the reader loads the first one, or the one nearest to
-// `time`, which ranges from 0 (first) to 1 (last). Prims may be translated, but not rotated or scaled. Throws
-// Error(usage) if a time is passed and the file has no time samples.
+// about x. (Coordinates of files whose upAxis is Z are not converted.) The offset of the splats is stored as
+// a translation in double precision. write_usda_series() writes a series to one file. Its time samples have
+// the time codes 0, 1, 2, ...; attributes that are the same at all time samples are stored once. The reader
+// loads the float or half attributes of all splat prims in the layer itself. If the file has time samples,
+// the reader loads the first one, or the one nearest to `time`, which ranges from 0 (first) to 1 (last).
+// Prims may be translated, but not rotated or scaled. Throws Error(usage) if a time is passed and the file
+// has no time samples.
 ImportedSplats read_usda(const std::filesystem::path& path);
 ImportedSplats read_usda_at(const std::filesystem::path& path, double time);
 ImportedSplats parse_usda(std::string_view text, const std::string& name, std::optional<double> time = {});
 void write_usda(const std::filesystem::path& path, const ImportedSplats& splats);
 void write_usda_series(const std::filesystem::path& path, const SplatSeries& series);
+// Returns sentences about values that the writers of OpenUSD files drop.
 std::vector<std::string> usd_remarks(const ImportedSplats& splats);
 
 // Read and write binary OpenUSD files. They are converted from and to OpenUSD text by OpenUSD's program
@@ -107,8 +110,9 @@ void write_usdc_series(const std::filesystem::path& path, const SplatSeries& ser
 inline constexpr float kHalfTurnSigns[15] = {-1, -1, 1, -1, 1, 1, -1, 1, -1, 1, -1, -1, 1, -1, 1};
 
 inline constexpr std::size_t kMaxDeflateRatio = 1032;  // maximum compression ratio of deflate
-// The following functions are defined in inflate.cpp. The inflate functions throw Error(data) if the data are
-// damaged, or if the decompressed data have more than `limit` bytes.
+// The following functions, whose names start with inflate or deflate, are defined in inflate.cpp. Functions
+// that decompress throw Error(data) if the data are damaged. If they have a parameter `limit`, they also
+// throw if the decompressed data have more than `limit` bytes. Messages start with `name`.
 std::vector<std::byte> inflate_gzip(std::span<const std::byte> packed, std::size_t limit,
                                     const std::string& name);
 // Returns the first `size` decompressed bytes, or all of them if there are fewer.
@@ -117,9 +121,10 @@ std::vector<std::byte> inflate_gzip_start(std::span<const std::byte> packed, std
 std::vector<std::byte> inflate_raw(std::span<const std::byte> packed, std::size_t limit,
                                    const std::string& name);  // raw deflate data
 std::vector<std::byte> deflate_gzip(std::span<const std::byte> plain);
-// Compresses to zlib format. Only runs of equal bytes are compressed, which is fast and suits the filtered
-// rows of PNG.
+// Compresses to zlib format. The only repetitions that zlib searches for are runs of equal bytes. This is
+// fast and suits the filtered rows of PNG.
 std::vector<std::byte> deflate_runs(std::span<const std::byte> plain);
+// Decompresses a Zstandard frame. Throws Error(data) unless the decompressed data have exactly `size` bytes.
 std::vector<std::byte> inflate_zstd(std::span<const std::byte> packed, std::size_t size,
                                     const std::string& name);
 
@@ -142,7 +147,8 @@ inline std::uint64_t spread_bits(std::uint64_t v) {
 std::array<double, 3> offset_comment(std::span<const std::string> comments, const std::string& name);
 // Returns whether comments of a PLY file say that the splats were trained with antialiasing
 // ("SplatRenderMode: mip" of Brush and gsplat, "antialiased 1" of Postshot). If so, adds a note to the
-// report. If there are several such comments, the last one counts.
+// report. If there are several such comments, the last one counts. A comment with an unknown render mode also
+// adds a note.
 bool antialias_comment(std::span<const std::string> comments, LoadReport& report);
 // Returns the comment that offset_comment() reads.
 std::string make_offset_comment(const std::array<double, 3>& offset);

@@ -44,8 +44,10 @@ std::array<double, 12> read_matrix(const Node& frame, const char* key) {
   return matrix;
 }
 
-// Returns the focal length in pixels. A value in pixels takes precedence over an angle: Blender exporters
-// write the angles of the sensor, whose aspect ratio may differ from that of the image.
+// Returns the focal length in pixels, or nullopt if neither the frame nor the file states it. A value of the
+// frame takes precedence over a value of the file. Within each of them, a value in pixels takes precedence
+// over an angle, because Blender exporters write the angles of the sensor, whose aspect ratio may differ from
+// that of the image. `extent` is the width or the height of the image that an angle refers to [px].
 std::optional<double> focal_length(const Node& frame, const Node& file, const char* angle_key,
                                    const char* pixel_key, double extent) {
   for (const Node* node : {&frame, &file}) {
@@ -98,8 +100,8 @@ namespace {
 // First character of a string that replaces a word which JSON does not allow, such as NaN.
 constexpr char kMarker = '\1';
 
-// Returns the text with every NaN and Infinity replaced by a marked string. Python's json module writes these
-// words, but JSON does not allow them.
+// Returns the text with every word for a number that is not finite replaced by a marked string. JSON does not
+// allow these words, but Python's json module writes NaN and Infinity, and other programs write nan and inf.
 std::string with_marked_nan(const std::string& text) {
   std::string result;
   bool in_string = false;
@@ -121,7 +123,8 @@ std::string with_marked_nan(const std::string& text) {
   return result;
 }
 
-// Throws if `json` is or contains a marked string; `field` is the name of the member that holds it.
+// Throws if `json` is or contains a marked string. The message contains `field`, the name of the outermost
+// member that contains the string. Callers pass an empty text; recursive calls pass the name.
 void refuse_marked(const Json& json, const std::string& field, const std::string& where) {
   if (json.is_string() && json.get_ref<const std::string&>().starts_with(kMarker))
     fail(ErrorKind::data, "{}: '{}' has the value {}, which is not a finite number", where, field,

@@ -24,14 +24,18 @@ struct Node {
   std::string where;
 
   bool has(const char* key) const { return json.contains(key); }
-  double number(const char* key) const;                 // throws unless it is a finite number
-  std::string text(const char* key) const;              // throws unless it is a non-empty string
-  std::array<double, 3> vector(const char* key) const;  // throws unless it is three finite numbers
+  // The following functions return the value of the field `key`. They throw unless the value is a finite
+  // number, a non-empty string or an array of three finite numbers, respectively.
+  double number(const char* key) const;
+  std::string text(const char* key) const;
+  std::array<double, 3> vector(const char* key) const;
 };
 
-// Reads a JSON file. Throws unless its top level is an object with a non-empty array `list` of objects.
+// Reads a JSON file. Throws unless its top level is an object whose member with the name `list` is a
+// non-empty array of objects.
 Json parse_file(const std::filesystem::path& path, const char* list = "frames");
-// Returns the frame with number `index`.
+// Returns the frame with the number `index`, counted from 0. `path` is the path of the file, for error
+// messages.
 Node frame_node(const Json& file, std::size_t index, const std::string& path);
 
 // Reads the pose from "transform_matrix", which is a camera-to-world matrix with OpenGL axes (y up, z
@@ -41,12 +45,14 @@ void set_pose(Camera& camera, const Node& frame);
 // converted.
 void set_world_to_camera(Camera& camera, const Node& frame);
 
-// Returns the number `key` of the frame, or that of the top level of the file if the frame does not have it.
+// Returns the number in the field `key` of the frame. If the frame has no such field, returns the number in
+// this field of the top level of the file, or nullopt if there is none either.
 std::optional<double> lookup(const Node& frame, const Node& file, const char* key);
 
 // Returns "w" and "h" if both are present. They may be fractional (such as 633.6), because Blender exporters
 // write them before Blender truncates them to whole pixels. For a fractional size, the size of the image file
-// is returned if the file exists and differs by less than a pixel.
+// is returned if the file exists and its width and height differ from "w" and "h" by less than a pixel. Any
+// other fractional size is an error.
 std::optional<ImageSize> stated_size(const Node& frame, const Node& file, const std::filesystem::path& image);
 
 // Sets the image size, the focal lengths and the principal point. `stated` is the image size that quantities

@@ -21,8 +21,8 @@ int degree_of_rest(std::size_t rest, const std::string& prefix, const std::strin
   fail(ErrorKind::data, "{}: {} {}* properties: expected 0, 9, 24, 45 or 72", name, rest, prefix);
 }
 
-// Names holds the prefixes of the property names of the constant and of the other spherical harmonics. 3DGS
-// and DBS files use different prefixes.
+// Names holds the prefixes of the names of the properties that store spherical harmonics: `dc` for the
+// constant coefficients and `rest` for the others. 3DGS and DBS files use different prefixes.
 struct Names {
   std::string dc, rest;
 };
@@ -31,8 +31,8 @@ Names names_of(SpatialKernel kernel) {
 }
 
 // Returns the number of spherical Beta lobes per splat of a DBS file, which stores `values` lobe parameters
-// per splat. ubs can only render 1 to 3 lobes with spherical harmonics of degree 0, which is the default of
-// DBS. For other files with lobes, adds a note and returns 0.
+// per splat. ubs can only render 1 to 3 lobes, and only together with spherical harmonics of degree 0. (By
+// default, DBS trains with degree 0.) For other files with lobes, adds a note and returns 0.
 int lobes_of(std::size_t values, ImportedSplats& splats) {
   if (values == 0) return 0;
   if (values % 6 == 0 && values <= 18 && splats.sh_degree == 0) return static_cast<int>(values / 6);

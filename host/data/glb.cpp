@@ -24,8 +24,8 @@ constexpr std::uint32_t kGlbMagic = 0x46546c67, kJsonChunk = 0x4e4f534a, kBinChu
 constexpr const char* kSplatting = "KHR_gaussian_splatting";
 constexpr int kFloat = 5126;
 constexpr std::size_t kLeastSplatBytes = 14;
-// A node transform is treated as the identity if its numbers differ by at most this much from those of the
-// identity. This allows a few rounding errors of float32 numbers near 1.
+// The rotation, the scale and the matrix of a node are treated as the identity if their numbers differ by at
+// most this much from those of the identity. This allows a few rounding errors of float32 numbers near 1.
 constexpr double kNodeRounding = 1e-6;
 
 std::string sh_name(int degree, int order) {
@@ -38,7 +38,8 @@ std::string attribute(const char* name) { return fmt::format("{}:{}", kSplatting
 class GlbWriter {
  public:
   // Adds an accessor with `width` numbers per splat and returns its index. Number k of splat i is at(i, k).
-  // With `bounds`, the minimum and the maximum of each number are stored too.
+  // With `bounds`, the minimum and the maximum over all splats are stored too, for each of the `width`
+  // numbers.
   template <typename At>
   std::size_t add(std::size_t count, std::size_t width, At at, bool bounds = false) {
     const std::size_t begin = bytes_.size();
@@ -171,7 +172,8 @@ std::vector<float> read_accessor(const GlbFile& glb, std::size_t index, std::siz
       stride < width * component.bytes || stride > 252 ||
       (count > 0 && (size - inside < width * component.bytes ||
                      (size - inside - width * component.bytes) / stride < count - 1)))
-    fail(ErrorKind::data, "{}: accessor {} extends beyond the end of the file", name, index);
+    fail(ErrorKind::data, "{}: accessor {} does not fit into the file, or its stride is invalid", name,
+         index);
   const bool normalised = accessor.value("normalized", false);
   std::vector<float> values;
   values.reserve(count * width);
@@ -189,7 +191,8 @@ std::string range_text(std::span<const float> values) {
 }
 
 // Returns the logarithms of the scales. The extension stores linear scales. Exporters that followed an early
-// draft wrote logarithms, which are negative for all splats smaller than one unit.
+// draft wrote logarithms, which are negative for all splats smaller than one unit. So the scales of a file
+// are treated as logarithms if more than half of them are negative.
 std::vector<float> log_scales_of(std::vector<float> scales, const std::string& where, LoadReport& report) {
   const auto negative =
       static_cast<std::size_t>(std::ranges::count_if(scales, [](float v) { return v < 0; }));
@@ -228,9 +231,9 @@ void note_unused(const Json& attributes, int sh_degree, LoadReport& report) {
   if (!others.empty()) report.note(fmt::format("attributes that are not used: {}", list_names(others)));
 }
 
-// Reads one primitive. `before` is the number of splats in the primitives before this one. Each splat has 14
-// numbers of at least one byte, and primitives do not share data. So the file size limits the number of
-// splats, and a small damaged file that states a huge number is rejected.
+// Reads one primitive. `before` is the number of splats in the primitives before this one. Each splat has at
+// least 14 numbers of at least one byte, and we assume that primitives do not share data. So the file size
+// limits the number of splats, and a small damaged file that states a huge number is rejected.
 ImportedSplats read_primitive(const GlbFile& glb, const Json& primitive, std::size_t before,
                               const std::string& name) {
   const Json& attributes = primitive.at("attributes");

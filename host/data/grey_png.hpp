@@ -7,6 +7,7 @@
 
 namespace ubs {
 
+// GreyRange holds the values that the darkest and the brightest grey of an image stand for.
 struct GreyRange {
   float low = 0, high = 0;
 };

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // These functions load and save image files. Loading follows method.md 4.5: transparent pixels are composited
-// on the background and truncated to 8 bits at full size; then the image is reduced.
+// on the background and truncated to 8 bits at full size. The caller reduces the image afterwards.
 #pragma once
 
 #include <array>
@@ -33,14 +33,15 @@ int downscaled(int size, int factor);
 ImageSize image_file_size(const std::filesystem::path& path);
 
 // Loads an image without reducing it. The file may contain grey, RGB or RGBA pixels with 8 or 16 bits per
-// sample, or floating-point samples (EXR), which are converted from linear light to sRGB. Samples v with 16
-// bits are converted to v / 65535 if the image has an alpha channel, so that it is composited on the
-// background, and otherwise to round(v / 257).
+// sample, or floating-point samples (EXR), which are converted from linear light to sRGB. An image with an
+// alpha channel is composited on the background in double precision before its samples are converted to 8
+// bits. In an image without an alpha channel, a sample v with 16 bits becomes round(v / 257).
 Image8 load_image(const std::filesystem::path& path, const std::array<double, 3>& background = {0, 0, 0});
 
-// Loads a mask file with 8 or 16 bits as a grey image. Its values are the alpha channel of the file, or the
-// brightest channel if alpha is 1 everywhere. Throws Error(data) unless the mask has the aspect ratio of
-// `image`; it may have the size of the full image if `image` is reduced.
+// Loads a mask file with 8 or 16 bits as a grey image of the size of `image`. Its values are the alpha
+// channel of the file, or the brightest colour channel if the file has no alpha channel or alpha is 1
+// everywhere. The file may have another size than `image`, for example that of the full image if `image` is
+// reduced. Throws Error(data) if the aspect ratios differ by more than 1 %.
 Image8 load_mask_image(const std::filesystem::path& path, const Image8& image);
 // Sets image.mask from a mask image that was undistorted and reduced like the image itself. A pixel is used
 // if the value of the mask is at least 128.

@@ -71,7 +71,8 @@ bool jpeg_info(std::ifstream& stream, ImageInfo& info) {
   return false;
 }
 
-// Returns whether a PNG file has a chunk tRNS, which makes a colour transparent, before the pixels.
+// Returns whether a PNG file has a chunk tRNS before its pixels. This chunk makes one or several colours
+// transparent.
 bool png_has_clear_colour(std::ifstream& stream) {
   constexpr std::streamoff kSignature = 8, kChecksum = 4;
   unsigned char head[8] = {};

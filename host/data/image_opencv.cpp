@@ -40,7 +40,8 @@ cv::Mat decode_image_file(const std::filesystem::path& path) {
     }
     if (is_png(bytes)) return decode_png(bytes, path.string());
     refuse_unread_format({reinterpret_cast<const char*>(bytes.data()), bytes.size()}, path.string());
-    // The program ubs sets this environment variable, but other programs that use libubs may not.
+    // OpenCV decodes EXR only if this environment variable is set. The program ubs sets it, but other
+    // programs that use libubs may not.
     if (is_exr(bytes) && environment("OPENCV_IO_ENABLE_OPENEXR").empty())
       fail(ErrorKind::data,
            "{}: OpenCV's decoder of EXR images is disabled in this process: set OPENCV_IO_ENABLE_OPENEXR=1 "
@@ -99,8 +100,8 @@ double srgb_from_linear(double v) {
 }
 
 // Composites a float image (EXR) on the background. Its colours are linear light and premultiplied with
-// alpha. They are divided by alpha, converted with the sRGB curve and then mixed with the background. So the
-// result equals that of the same image saved as PNG.
+// alpha. They are divided by alpha, converted with the sRGB curve and then mixed with the background. So,
+// except for rounding, the result equals that of the same image saved as PNG.
 Image8 composite_linear(const cv::Mat& image, const std::array<double, 3>& background,
                         const std::string& name) {
   const int channels = image.channels();
@@ -140,14 +141,14 @@ Image8 load_image(const std::filesystem::path& path, const std::array<double, 3>
 Image8 load_mask_image(const std::filesystem::path& path, const Image8& image) {
   const cv::Mat mask = decode_image_file(path);
   if (mask.depth() == CV_32F) fail(ErrorKind::data, "{}: a mask must have 8 or 16 bits", path.string());
-  // A mask that has another size, but the same aspect ratio as the image, is accepted, because it may have
-  // been made for the full-size image.
+  // A mask that has another size than the image is accepted if the aspect ratios differ by at most 1 %,
+  // because the mask may have been made for the full-size image.
   const double across = static_cast<double>(mask.cols) / image.width;
   if (std::abs(across - static_cast<double>(mask.rows) / image.height) > 0.01 * across)
     fail(ErrorKind::data, "{}: the mask has {}x{} pixels, but its image has {}x{}", path.string(), mask.cols,
          mask.rows, image.width, image.height);
   // The mask is the alpha channel. If there is none, or if alpha is 255 everywhere, the mask is the brightest
-  // colour channel, so that only black pixels are masked.
+  // colour channel, so that only pixels in which all colour channels are dark are masked (see set_mask()).
   const int channels = mask.channels(), colours = std::min(channels, 3);
   const auto value = [&](int x, int y, int channel) {
     const int at = x * channels + channel;

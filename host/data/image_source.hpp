@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // These functions make image sources (ImageSource), which decode the image of a view on demand. The image is
 // first composited on the background, then undistorted and then reduced. If a cache folder is passed, the
-// results are stored in it, so that this work is done only once.
+// results for undistorted images without a mask are stored in it, so that this work is done only once for
+// them.
 #pragma once
 
 #include <array>
@@ -17,9 +18,10 @@ namespace ubs {
 struct FileImage {
   std::filesystem::path path, mask;  // mask may be empty
   std::array<double, 3> background{0, 0, 0};
-  std::optional<Undistortion> undistortion;  // for a lens with the size of the image in the file
+  // Undistortion of the image in the file. The size of its lens must be the size of that image.
+  std::optional<Undistortion> undistortion;
   // Size of the image that load() returns. If the image in the file, after undistortion, has another size, it
-  // is resized with Pillow's bicubic filter.
+  // is resized with the bicubic filter of Pillow (resample.hpp).
   int width = 0, height = 0;
 };
 

@@ -103,7 +103,7 @@ ImportedSplats part_of(const ImportedSplats& splats, std::size_t first, std::siz
 }
 
 void place(ImportedSplats& splats, const std::array<std::vector<double>, 3>& coordinates) {
-  // Use medians, because a few distant splats, such as those of a sky, do not show where the scene is.
+  // Medians are used, because a few distant splats, such as those of a sky, hardly change them.
   std::array<double, 3> centre{};
   double distance = 0, size = 0;
   for (std::size_t k = 0; k < 3; ++k) {

@@ -45,7 +45,8 @@ struct ImportedSplats {
   void resize(std::size_t count);
 };
 
-inline constexpr float kMaxLogit = 16;  // for larger logits, the opacity rounds to 1 in float32
+// Maximum absolute value of an opacity logit. The opacity of this logit differs from 1 by 1.1e-7.
+inline constexpr float kMaxLogit = 16;
 // Log scale of an axis along which a splat is flat. clean() raises smaller log scales of a file, including
 // -inf, to this value. e^-39 is 1e-17, and its square can still be represented in float32. When a splat is
 // rendered, such a scale is raised to a minimum fraction of the splat's largest scale (kernels/limits.h).
@@ -64,9 +65,10 @@ ImportedSplats part_of(const ImportedSplats& splats, std::size_t first, std::siz
 // the offset is added to `splats.offset`, and the report gets a note.
 void place(ImportedSplats& splats, const std::array<std::vector<double>, 3>& coordinates);
 
-// Normalises the quaternions, clamps the opacities, and raises log scales below kFlatLogScale to this value,
-// which makes these splats discs. Drops splats that cannot be rendered, because they have values that are not
-// finite, zero quaternions, or extreme scales or colours, and counts them in the report.
+// Normalises the quaternions, clamps the opacity logits, and raises log scales below kFlatLogScale to this
+// value, which makes these splats discs. Drops splats that cannot be rendered, because they have values that
+// are not finite, zero quaternions, or extreme scales, colours or Beta parameters, and counts them in the
+// report.
 void clean(ImportedSplats& splats);
 
 }  // namespace ubs

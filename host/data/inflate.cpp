@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Compresses and decompresses data with gzip (zlib) and Zstandard. The output size is limited, because a few
-// kilobytes of compressed data can expand to gigabytes.
+// Compresses data with zlib, and decompresses data with zlib and Zstandard. The size of decompressed data is
+// limited, because a few kilobytes of compressed data can expand to gigabytes.
 #include <zlib.h>
 #include <zstd.h>
 
@@ -15,7 +15,7 @@ namespace {
 // Values of zlib's parameter windowBits for the largest window. The first is for data with a zlib header, the
 // second for data with a gzip header, and the third for data without a header.
 constexpr int kZlibWindow = 15, kGzipWindow = 15 + 16, kRawWindow = -15;
-constexpr std::size_t kBlock = std::size_t{1} << 20;  // the output grows in steps of this size
+constexpr std::size_t kBlock = std::size_t{1} << 20;  // [bytes] the output grows in steps of this size
 
 // Passes the next chunk of `rest` to zlib when zlib has read all of its input. Chunks are needed because zlib
 // stores the length of its input in 32 bits.
@@ -110,8 +110,8 @@ std::vector<std::byte> deflate_runs(std::span<const std::byte> plain) {
 
 std::vector<std::byte> inflate_zstd(std::span<const std::byte> packed, std::size_t size,
                                     const std::string& name) {
-  // The frame states its decompressed size. If this size differs from that in the table of contents, the
-  // frame is refused before it is decompressed.
+  // Most frames state their decompressed size. If the stated size differs from `size`, which is from the
+  // table of contents of the file, the frame is refused before it is decompressed.
   const unsigned long long stated = ZSTD_getFrameContentSize(packed.data(), packed.size());
   if (stated == ZSTD_CONTENTSIZE_ERROR || (stated != ZSTD_CONTENTSIZE_UNKNOWN && stated != size))
     fail(ErrorKind::data, "{}: a Zstandard stream is damaged, or its size differs from the table", name);

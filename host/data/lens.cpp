@@ -164,9 +164,9 @@ std::optional<Ray> unproject_division(const LensCoefficients& k, const PlanePoin
 }
 
 // Coefficients alpha beta (extended unified camera model): position = (x, y) / (alpha d + (1 - alpha) z) with
-// d^2 = beta (x^2 + y^2) + z^2. The image ends at the rays with z = -w d. If alpha > 1/2, these are the rays
-// with the largest distance from the image centre; otherwise they are the rays for which the denominator is
-// 0.
+// d^2 = beta (x^2 + y^2) + z^2. The image ends at the rays with z = -w d, where w depends on alpha. If alpha
+// > 1/2, w is (1 - alpha) / alpha, and these are the rays with the largest distance from the image centre.
+// Otherwise w is alpha / (1 - alpha), and these are the rays for which the denominator is 0.
 std::optional<PlanePoint> project_eucm(const LensCoefficients& k, const Ray& ray) {
   const auto [x, y, z] = ray;
   const double alpha = k[0], d = std::sqrt(k[1] * (x * x + y * y) + z * z);
@@ -210,9 +210,9 @@ constexpr LensFormula kDivision{"k", project_division, unproject_division, 1};
 constexpr LensFormula kEucm{"alpha beta", project_eucm, unproject_eucm, 1};
 constexpr LensFormula kEquirectangular{"", project_equirectangular, unproject_equirectangular, -1, true};
 
-// A new model needs a row here, and a formula above unless it shares one. The extra coefficients are those of
-// nerfstudio, which reads k1 k2 p1 p2 k3 for all its perspective cameras and k1 to k4 for all its fisheye
-// cameras.
+// A new model needs a row here, and a formula above unless it shares one. The coefficients in the fifth
+// column (LensModel::json_extra) are those of nerfstudio, which reads k1 k2 p1 p2 k3 for all its perspective
+// cameras and k1 to k4 for all its fisheye cameras.
 constexpr std::string_view kPerspective = "k1 k2 p1 p2 k3", kFisheyeExtra = "k1 k2 k3 k4";
 constexpr LensModel kModels[] = {
     {0, "SIMPLE_PINHOLE", "", "f cx cy", kPerspective, &kOpencv},

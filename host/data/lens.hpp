@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // lens_models() returns the table of the camera models of COLMAP and nerfstudio, with their numbers, names,
-// parameters and projections. The projections and their inverses are used to resample a distorted image to an
-// ideal pinhole camera with the same focal length, because the rasteriser supports only pinhole cameras.
+// parameters and projections. The projections and their inverses are used to resample a distorted image to
+// the images of one or several ideal pinhole cameras (undistort.hpp), because the rasteriser supports only
+// pinhole cameras.
 #pragma once
 
 #include <array>
@@ -26,9 +27,8 @@ struct LensFormula {
   std::optional<PlanePoint> (*project)(const LensCoefficients& k, const Ray& ray);
   // Returns the ray of a position, or nullopt if the lens maps no ray to it.
   std::optional<Ray> (*unproject)(const LensCoefficients& k, const PlanePoint& position);
-  // The lens is an ideal pinhole camera if this number of coefficients, counted from the first, are 0. If it
-  // is
-  // -1, the lens is never an ideal pinhole camera.
+  // The lens is an ideal pinhole camera if this number of coefficients, counted from the first, are 0. The
+  // value -1 means that the lens is never an ideal pinhole camera.
   int zero_for_pinhole;
   bool all_directions = false;  // the image shows all directions, and its left and right borders meet
 };
@@ -49,7 +49,7 @@ struct Lens {
   const LensFormula* formula = nullptr;   // nullptr for an ideal pinhole camera
   double fx = 1, fy = 1, cx = 0, cy = 0;  // [px]; the centre of pixel (0,0) is (0.5, 0.5)
   int width = 0, height = 0;
-  LensCoefficients k{};
+  LensCoefficients k{};  // values of LensFormula::coefficients; the remaining elements are 0
 
   bool operator==(const Lens&) const = default;
   // Returns false if the lens is an ideal pinhole camera.

@@ -18,7 +18,8 @@ namespace {
 constexpr int kSamples = 2;          // samples per pixel in each of the two directions
 constexpr double kMaxFocal = 16384;  // [px per radian] plan_faces() accepts only focal lengths below this
 
-// Returns the axis closest to the ray as 2 * axis, plus 1 if the ray points in its negative direction.
+// Returns the number of the half axis that is closest to the ray: 0 for +x, 1 for -x, 2 for +y, 3 for -y, 4
+// for +z and 5 for -z.
 std::size_t axis_of(const Ray& ray) {
   std::size_t axis = 0;
   for (std::size_t k = 1; k < 3; ++k)
@@ -26,8 +27,8 @@ std::size_t axis_of(const Ray& ray) {
   return 2 * axis + (ray[axis] < 0 ? 1 : 0);
 }
 
-// Adds `part` times the bilinear interpolation of an image at a position [px] to `sum`. Both have `channels`
-// values per pixel.
+// Adds `part` times the bilinear interpolation of an image at a position [px] to `sum`. The image has
+// `channels` values per pixel, and `sum` has `channels` values.
 void add_sample(std::span<const float> image, std::size_t channels, int width, int height, double column,
                 double row, float part, float* sum) {
   const double x = std::clamp(column - 0.5, 0.0, width - 1.0), y = std::clamp(row - 0.5, 0.0, height - 1.0);

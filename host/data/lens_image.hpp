@@ -44,8 +44,9 @@ class LensImage {
   // of one face. Their resolution is about twice that of the image.
   std::vector<Camera> faces(const Camera& camera) const;
   // Returns the image that is composed of the renders of the faces. Each pixel is the mean of four samples,
-  // which are interpolated in the faces. The depth is the distance from the camera along the ray. Pixels that
-  // the lens does not show are black, with alpha 0 and depth 0.
+  // which are interpolated in the faces. The depth is the distance from the camera along the ray. Samples
+  // that the lens does not show are 0, so pixels without any shown sample are black, with alpha 0 and depth
+  // 0.
   RenderedView compose(std::span<const RenderedView> faces) const;
   // Returns 255 for each pixel that compose() determines completely, and 0 for the others.
   std::vector<std::uint8_t> shown() const;

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // load_llff() loads LLFF folders and N3V folders. An LLFF folder contains poses_bounds.npy with one row per
 // image, and the images in the folder images/. An N3V folder contains poses_bounds.npy with one row per
-// camera, and for each camera a video or a folder of frames. The views of the first camera of an N3V folder
-// are the test views.
+// camera, and for each camera a video, or a folder of frames whose name starts with "cam". The views of the
+// first camera of an N3V folder are the test views.
 //
 // A row consists of a 3x5 matrix, row-major, and the two depth bounds. The columns of the matrix are the
 // directions down, right and back, the position in the world, and (height, width, focal length) of the
@@ -222,7 +222,7 @@ LoadedScene load_dynamic(const fs::path& folder, const std::vector<fs::path>& ca
       add_frame_files(views, sequences[i], frames, rows[i], root, options, scene.report);
     if (i > 0) scene.depth_bounds.insert(scene.depth_bounds.end(), frames.size(), rows[i].bounds);
   }
-  scene.report.note(fmt::format("{} cameras with video; the first ({}) is the test split", rows.size(),
+  scene.report.note(fmt::format("the views of the first of {} cameras ({}) are the test split", rows.size(),
                                 cameras[0].filename().string()));
   return scene;
 }

@@ -87,7 +87,9 @@ bool stand_at_one_place(const Split& split) {
 
 // Returns the rounded mean of the camera positions if they are far from the origin, otherwise zero. The mean
 // is rounded to whole units. If a unit is so large compared with the extent that coordinates relative to the
-// rounded mean could still be far from the origin, the mean is rounded to a power of ten below the extent.
+// rounded mean could still be far from the origin, the mean is rounded to multiples of the largest power of
+// ten that is at most the extent. This is not done for cameras at one place (`one_place`), whose extent is 0
+// or a rounding error.
 std::array<double, 3> choose_offset(const Split& split, bool one_place) {
   std::array<double, 3> mean = mean_position(split);
   const double extent = split.views.size() < 2 ? 0 : scene_extent(split.views);
@@ -253,9 +255,11 @@ struct Layout {
   bool (*recognise)(const fs::path& path);
   LoadedScene (*load)(const fs::path& path, const DatasetOptions& options);
   std::string_view files;  // names of the files by which the layout is recognised, for messages
-  // Options that the loader uses. The caller refuses the other options that refuse_unused() checks, unless
-  // the loader does it (refuses_itself).
+  // Options that the loader uses. open_undecoded() refuses the other options that refuse_unused() checks,
+  // unless refuses_itself is true.
   std::string_view used;
+  // True if the loader calls refuse_unused() itself, and for packed files, for which all options are
+  // accepted.
   bool refuses_itself = false;
 
   std::string description() const {

@@ -21,7 +21,7 @@ namespace ubs {
 struct DatasetOptions {
   ReadSettings read;
   std::array<double, 3> background{0, 0, 0};  // colour on which transparent pixels are composited
-  bool load_images = true;                    // if false, only the cameras are loaded
+  bool load_images = true;                    // if false, views have cameras, but no images
   std::vector<std::string> image_splits;      // splits whose images are needed; empty for all splits
   bool operator==(const DatasetOptions&) const = default;
 };
@@ -85,8 +85,9 @@ Dataset load_dataset(const std::filesystem::path& path, const DatasetOptions& op
 LoadedScene load_nerfstudio(const std::filesystem::path& path, const DatasetOptions& options);
 LoadedScene load_colmap(const std::filesystem::path& folder, const DatasetOptions& options);
 LoadedScene load_llff(const std::filesystem::path& folder, const DatasetOptions& options);
-// The background and the reduction are those that the file was packed with. Throws an error if `options` has
-// other values.
+// Loads a packed file. Its images were composited and reduced when the file was packed. Throws Error(data) if
+// `options` has another background, unless all images are opaque, or if it has another downscale factor than
+// 1 or that of the file.
 LoadedScene load_packed(const std::filesystem::path& file, const DatasetOptions& options);
 
 // Throws Error(usage) if one of --images, --colmap-model, --test-every and --frames is not listed in `used`

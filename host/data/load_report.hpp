@@ -16,7 +16,7 @@ struct LoadReport {
   struct Skipped {
     std::string why;
     std::size_t count = 0;
-    std::vector<std::string> examples;  // the first few names
+    std::vector<std::string> examples;  // names of the first skipped objects, at most three
   };
 
   std::string layout, folder;
@@ -58,8 +58,8 @@ struct LoadReport {
     notes.push_back(text);
   }
 
-  // Adds a note about data that were skipped or taken from another place than stated. Every command that
-  // opens the data prints such notes.
+  // Adds a note about data that are used in another way than the files state, for example because data were
+  // skipped, found in another place or undistorted. Every command that opens the data prints such notes.
   void note_difference(const std::string& text) {
     note(text);
     for (const std::string& known : differences)

@@ -16,7 +16,8 @@ namespace {
 constexpr std::string_view kDrawn = "ubs_drawn ", kLens = "ubs_lens ", kCamera = "ubs_camera ",
                            kUp = "ubs_up ";
 
-// Returns the numbers of a comment. Throws unless there are exactly `count` numbers and nothing else.
+// Returns the numbers of a comment, which follow the key `words`. Throws unless there are exactly `count`
+// numbers and nothing else, and unless the absolute value of each number is at most kMaxMagnitude.
 std::vector<double> numbers(const std::string& comment, std::string_view words, std::size_t count,
                             const std::string& name) {
   std::istringstream stream(comment.substr(words.size()));
@@ -69,7 +70,7 @@ Camera lens_of(const std::vector<double>& v, const std::string& where) {
 
 Camera camera_of(const std::vector<double>& v, Camera camera, const std::string& where) {
   const double length = std::sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2] + v[3] * v[3]);
-  if (!(length > 0.5 && length < 2)) fail(ErrorKind::data, "{}: the matrix is not a rotation", where);
+  if (!(length > 0.5 && length < 2)) fail(ErrorKind::data, "{}: the quaternion is not a rotation", where);
   camera.rotation = matrix({v[0] / length, v[1] / length, v[2] / length, v[3] / length});
   camera.translation = -1.0 * rotated(camera.rotation, {v[4], v[5], v[6]});
   camera.time = v[7];

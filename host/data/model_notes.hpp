@@ -28,7 +28,8 @@ struct ModelNotes {
   std::optional<Vec3> up;
 };
 
-inline constexpr std::size_t kNotedCameras = 12;  // maximum number of stored cameras, about 100 numbers
+// Maximum number of stored cameras. It keeps the header short, because each camera has eight numbers.
+inline constexpr std::size_t kNotedCameras = 12;
 
 // Returns notes with the given settings. `cameras` are all training cameras; at most kNotedCameras of them,
 // at equal intervals, are selected.

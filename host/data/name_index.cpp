@@ -90,8 +90,8 @@ const std::unordered_map<char32_t, Decomposed>& decompositions() {
   return table;
 }
 
-// Converts ASCII, Greek and Cyrillic capitals, and Latin capitals without a decomposition, to lower case. The
-// caller decomposes accented letters first.
+// Converts ASCII, Greek and Cyrillic capitals, and some Latin capitals that have no decomposition, to lower
+// case. The caller decomposes accented letters first.
 char32_t small_letter(char32_t c) {
   if (c >= U'A' && c <= U'Z') return c + 32;
   if (c >= 0x391 && c <= 0x3a9) return c + 32;
@@ -116,8 +116,8 @@ void put_utf8(std::string& text, char32_t c) {
   }
 }
 
-// Appends the canonical decomposition of a character in lower case. A Korean syllable consists of a leading
-// consonant, a vowel and optionally a trailing consonant (Unicode standard, 3.12).
+// Appends the canonical decomposition of a character, converted to lower case. A Korean syllable consists of
+// a leading consonant, a vowel and optionally a trailing consonant (Unicode standard, 3.12).
 void put_decomposed(std::string& text, char32_t c) {
   constexpr char32_t kSyllables = 0xac00, kVowels = 21, kTrails = 28, kLast = 0xd7a3;
   if (c >= kSyllables && c <= kLast) {

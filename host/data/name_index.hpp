@@ -15,7 +15,8 @@
 namespace ubs {
 
 // Returns the name in lower case, with accents as separate characters (Unicode NFD) and with slashes instead
-// of backslashes. Names that look the same to a person have the same folded form.
+// of backslashes. So names that differ only in these respects have the same folded form. This works for
+// Latin, Greek, Cyrillic, Japanese and Korean letters; other characters are copied.
 std::string folded_name(std::string_view name);
 
 // Returns the components of a path; slashes and backslashes separate folders. Drives, "." and empty
@@ -36,10 +37,11 @@ class NameIndex {
     std::size_t number = 0;
     bool whole = false;  // true if all components agree, false if only the end of the path agrees
   };
-  // Returns the path that agrees with `path` in the largest number of components, counted from the end. Among
-  // paths with the same number of such components, paths with the same extension are preferred, then paths
-  // with the same spelling of the last component. Returns nullopt if several paths agree equally well, or if
-  // there is none. Only paths for whose number accept() returns true are considered.
+  // Searches the paths whose last component equals that of `path`, except for the image extension. Returns
+  // the path that agrees with `path` in the largest number of components, counted from the end. Among paths
+  // with the same number of such components, paths with the same extension are preferred, then paths with the
+  // same spelling of the last component. Returns nullopt if several paths agree equally well, or if there is
+  // none. Only paths for whose number accept() returns true are considered.
   template <typename Accept>
   std::optional<Match> find(std::string_view path, const Accept& accept) const {
     std::vector<std::size_t> candidates;

@@ -54,9 +54,9 @@ struct Claims {
   }
 };
 
-// Returns the file with exactly this name, or an empty path. If the name has no image extension, an extension
-// is appended, because the names in published data sets lack the extension .png. The name "r_0.5" has no
-// image extension either.
+// Returns the file with exactly this name, or an empty path. If the name of an image has no image extension,
+// files with an appended extension are looked for first, because the names in published data sets lack the
+// extension .png. The name "r_0.5" has no image extension either.
 fs::path exact_file(const fs::path& base, const std::string& name, NamedFiles::Kind kind) {
   const fs::path path = (base / name).lexically_normal();
   if (kind == NamedFiles::Kind::image && !has_picture_extension(path.filename().string()))
@@ -85,8 +85,8 @@ void list_below(const fs::path& folder, const DataRoot& root, std::set<std::stri
   }
 }
 
-// Returns the name of the image that a mask belongs to: "a.jpg.png", "a_mask.png" and "a.png" are masks of
-// "a".
+// Returns the name of the image that a mask belongs to, without the image extension: "a.jpg.png",
+// "a_mask.png" and "a.png" are masks of "a".
 std::string masked_name(std::string name) {
   while (has_picture_extension(name)) name.erase(name.rfind('.'));
   for (const std::string_view suffix : {"_masks", "_mask", "-mask", ".mask"})

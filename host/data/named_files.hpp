@@ -1,9 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-// NamedFiles finds the files whose names a data set states: images, masks and files of points. All loaders
-// use it, so that they find the same files and print the same messages. NamedFiles first looks for the exact
-// name. If there is no such file, it lists the data folder once and uses the file that matches best, if there
-// is exactly one such file (name_index.hpp). report() adds a note with the number of files that were found in
-// this way. Files outside of the data folder are never used (data_root.hpp).
+// NamedFiles finds the files whose names a data set states: images, masks and files of points. The loaders of
+// data folders use it, so that they find the same files and print the same messages. NamedFiles first looks
+// for the exact name. If there is no such file, it lists the data folder once and uses the file that matches
+// best, if there is exactly one such file (name_index.hpp). report() adds a note with the number of files
+// that were found in this way. Files outside of the data folder are used only if the user allows it
+// (data_root.hpp).
 #pragma once
 
 #include <filesystem>
@@ -28,7 +29,7 @@ class NamedFiles {
  public:
   enum class Kind { image, mask, points };
 
-  // `root` and `folder` must outlive this object. `folder` is the data folder.
+  // `folder` is the data folder. `root` must outlive this object.
   NamedFiles(const DataRoot& root, std::filesystem::path folder);
 
   // Returns whether all images exist at their exact paths. `base` is the folder that the names are relative
@@ -45,8 +46,9 @@ class NamedFiles {
                                           const std::vector<StatedName>& names, Kind kind,
                                           bool only_base = false);
 
-  // Returns the mask of each image, or an empty path. Searches in folders called "mask" or "masks". The mask
-  // of a.jpg may be called a.jpg.png, a.jpg, a.png, a with another image extension, or a_mask with any image
+  // Returns the mask of each image, or an empty path. Searches in the subfolders "mask" and "masks" of the
+  // data folder, whose names may contain capitals. The mask of a.jpg may be called a.jpg.png, a.jpg, a.png,
+  // or "a" with another image extension. The name may also end in _mask, _masks, -mask or .mask before the
   // extension.
   std::vector<std::filesystem::path> find_masks(const std::vector<StatedName>& images);
 

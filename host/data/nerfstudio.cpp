@@ -23,7 +23,8 @@ namespace {
 namespace fs = std::filesystem;
 using namespace frames;
 
-// Returns the name of the camera model. instant-ngp writes is_fisheye instead of a name.
+// Returns the name of the camera model. instant-ngp writes is_fisheye instead of a name. The model is OPENCV
+// if the JSON has neither.
 std::string camera_model(const Node& frame, const Node& file) {
   for (const Node* node : {&frame, &file}) {
     if (node->has("camera_model")) return node->text("camera_model");

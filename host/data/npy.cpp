@@ -25,11 +25,11 @@ constexpr std::size_t kPrefix = 10;
 struct NpyHeader {
   bool wide = false;               // float64
   std::vector<std::size_t> shape;  // empty for a scalar
-  std::size_t count = 1;           // elements
-  std::size_t data = 0;            // position of the first element
+  std::size_t count = 1;           // number of elements
+  std::size_t data = 0;            // offset of the first element in the file [bytes]
 };
 
-// Returns the product of the extents. Throws if it is larger than `limit`, before it can overflow.
+// Returns the product of the extents. Throws if the product is larger than `limit`; it cannot overflow.
 std::size_t element_count(const std::vector<std::size_t>& shape, std::size_t limit, const std::string& name) {
   std::size_t count = 1;
   for (const std::size_t extent : shape)

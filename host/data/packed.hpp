@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // A packed file (.ubsd) contains a whole data set: cameras, images with 8 bits as they are used in training
-// (composited and reduced), their masks, and initial points. All parts have checksums. Such a file is loaded
-// fast and without an image library. write_packed() writes a file from PackedData, and PackedFile reads it.
-// The layout of a file is as follows; numbers are little-endian:
+// (composited, undistorted and reduced), their masks, and initial points. All parts have checksums. Such a
+// file is loaded fast and without an image library. write_packed() writes a file from PackedData, and
+// PackedFile reads it. The layout of a file is as follows; numbers are little-endian:
 //   "UBSDATA\x1a" | u32 version | u32 CRC-32 of the header | u64 bytes of the header | header (JSON) | blocks
 // The header describes each block by its offset from the end of the header, its size and its CRC-32. Version
 // 2 adds a block "mask" for views that have a mask. It has one byte per pixel, which is 0 if the pixel is
@@ -44,8 +44,9 @@ void write_packed(const std::filesystem::path& path, const PackedData& data);
 // and for files that cannot be read.
 bool is_packed(const std::filesystem::path& path);
 
-// PackedFile is an open packed file. Images are read when they are loaded. If the file is damaged, functions
-// throw Error(data) with a message that names the file and the damaged part.
+// PackedFile is an open packed file. The constructor reads only the header; the pixels of an image are read
+// when its source loads the image. If the file is damaged, functions throw Error(data) with a message that
+// names the file and the damaged part.
 class PackedFile {
  public:
   explicit PackedFile(std::filesystem::path path);

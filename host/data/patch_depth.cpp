@@ -84,7 +84,7 @@ double Patch::agreement(const Projected& other, double depth) const {
   const GreyPicture& picture = *other.picture;
   const auto inverse = static_cast<float>(1 / depth);
   const float x = other.shift[0] * inverse, y = other.shift[1] * inverse, z = other.shift[2] * inverse;
-  // The positions are computed in a loop of its own, because the compiler vectorises such simple loops.
+  // The positions are computed in a separate loop, because the compiler vectorises such simple loops.
   Values columns, rows;
   int outside = 0;
   const auto right = static_cast<float>(picture.width - 1), bottom = static_cast<float>(picture.height - 1);

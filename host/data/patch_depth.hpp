@@ -24,7 +24,7 @@ struct GreyPicture {
   double across = 1, down = 1;
 
   // Returns the value at a position in pixels of the camera, interpolated linearly between the pixels of this
-  // image, or -1 outside of the image.
+  // image, or -1 if the position is not between the centres of four pixels.
   float at(double column, double row) const;
 };
 
@@ -32,7 +32,7 @@ struct GreyPicture {
 // scaled to a vector of unit length.
 class Patch {
  public:
-  // `at` is the position of the patch, in pixels of the camera.
+  // `at` is the position of the centre of the patch, in pixels of the camera. `from` must outlive the patch.
   Patch(const GreyPicture& from, const Pixel& at);
 
   // Returns whether the patch cannot be matched, because it has too little contrast or is partly outside of
@@ -46,7 +46,8 @@ class Patch {
   }
   // Tries `count` depths from `near` to `far`, evenly spaced in 1/depth, and returns the depth with the
   // highest agreement. The agreement of a depth is the mean of the agreements with the two best images of
-  // `others`, or the agreement with the only image. Returns nullopt if no agreement is above `least`.
+  // `others`, or the agreement with the only image. Returns nullopt if no agreement is above `least`, if
+  // `others` is empty, or if the patch is plain.
   std::optional<double> best_depth(std::span<const GreyPicture* const> others, double near, double far,
                                    int count, double least) const;
 

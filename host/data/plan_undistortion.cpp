@@ -16,7 +16,7 @@ namespace {
 // fisheye lens of 180 degrees would be infinitely large, and the border of the distorted image has too little
 // detail for so many pixels.
 constexpr double kMaxGrowth = 2.0;
-constexpr int kBorderSamples = 64;
+constexpr int kBorderSamples = 64;  // number of intervals in which a line of an image is sampled
 
 // Images with a larger angle of view are split into faces. A pinhole image of this angle has three times as
 // many pixels per degree at its border as at its centre.
@@ -35,8 +35,9 @@ std::array<double, 2> ideal_position(const Lens& lens, double u, double v,
   return {std::clamp(x, limits[0], limits[1]), std::clamp(y, limits[2], limits[3])};
 }
 
-// Returns left, right, top and bottom of the largest rectangle in the plane z = 1 that the distorted image
-// covers.
+// Returns left, right, top and bottom of a rectangle in the plane z = 1 that the distorted image covers
+// completely. Each side is at the innermost position that the lens shows at a sample of the same border of
+// the distorted image, but not outside of `limits`.
 std::array<double, 4> inner_rectangle(const Lens& lens, const std::array<double, 4>& limits) {
   std::array<double, 4> r = limits;
   for (int i = 0; i <= kBorderSamples; ++i) {
@@ -88,7 +89,8 @@ double largest_angle(const Lens& lens) {
 }
 
 // Returns the position of a ray in the image [px], or nullopt if the lens does not show the ray, or if the
-// position is less than `margin` pixels away from the border of the image.
+// position is less than `margin` pixels away from the border of the image. The border does not matter for
+// lenses that show all directions.
 std::optional<PlanePoint> seen(const Lens& lens, double max_angle, const Ray& ray, double margin = 0) {
   const bool all = lens.formula && lens.formula->all_directions;
   if (!all && angle_to_axis(ray) > max_angle) return std::nullopt;
@@ -100,7 +102,7 @@ std::optional<PlanePoint> seen(const Lens& lens, double max_angle, const Ray& ra
 
 // Returns the number of pixels per radian around a ray, in the direction in which it is smallest. This is the
 // smaller singular value of the derivative of the projection, computed by small steps perpendicular to the
-// ray.
+// ray. Returns 0 if the lens does not show a ray of such a step.
 double resolution(const Lens& lens, const Ray& ray) {
   const Ray z = normalised(ray), x = perpendicular(z), y = cross(z, x);
   constexpr double kStep = 1e-4;
@@ -128,8 +130,8 @@ double border_angle(const Lens& lens, double column, double row) {
   return 0;
 }
 
-// Returns the resolution of the image at the visible ray that is nearest to the centre of the face, or 0 if
-// no ray of the face is visible.
+// Returns the resolution of the image [px per radian] at the visible ray that is nearest to the centre of the
+// face, or 0 if no ray of the face is visible.
 double face_resolution(const Lens& lens, const Face& face, double max_angle) {
   constexpr int kGrid = 64;
   std::vector<std::pair<double, Ray>> rays;

@@ -29,8 +29,9 @@ SplatModel read_splat_ply(const std::filesystem::path& path, std::vector<std::st
 MixedModel read_mixed_ply(const std::filesystem::path& path, std::vector<std::string>* comments = nullptr,
                           std::vector<std::string>* remarks = nullptr);
 
-// Writes the same bytes as the published code, and in addition one comment line for each entry of `comments`,
-// which the published code ignores. If a value is not finite, throws and writes nothing.
+// For a model of the published variant, writes the same bytes as the published code. In addition, writes one
+// comment line for each entry of `comments`, and the lines `ubs <key> <value>` of other variants; the
+// published code ignores comments. If a value is not finite, throws and writes nothing.
 void write_splat_ply(const std::filesystem::path& path, const SplatModel& model,
                      std::span<const std::string> comments = {});
 // For a model with one group, writes the same file as write_splat_ply.

@@ -23,7 +23,7 @@ static_assert(std::endian::native == std::endian::little, "vertices are copied f
 
 namespace {
 
-constexpr std::size_t kMaxHeaderLines = 10000;  // a splat file has at most 118 properties
+constexpr std::size_t kMaxHeaderLines = 10000;  // splat files have far fewer lines
 constexpr std::size_t kBlockBytes = std::size_t{1} << 20;
 
 struct TypeName {

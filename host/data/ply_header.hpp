@@ -67,8 +67,8 @@ void read_ply_rows(std::ifstream& stream, const PlyHeader& header,
                    const std::vector<const PlyProperty*>& properties, const std::vector<double*>& rows,
                    const std::string& file_name, NonFinite non_finite = NonFinite::refuse);
 
-// Returns the names as a list for a message. Names with consecutive numbers are shortened to, for example,
-// "motion_0 to motion_8".
+// Returns the names as a list for a message. Three or more names with consecutive numbers are shortened to,
+// for example, "motion_0 to motion_8".
 std::string list_names(const std::vector<std::string>& names);
 
 // Returns sentences that name all properties of an element except those in `used`. Normals are not named,

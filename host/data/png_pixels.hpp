@@ -24,10 +24,10 @@ namespace ubs {
 bool is_png(std::span<const std::byte> file);
 
 // Returns the stored values with 8 or 16 bits per sample. Gamma and colour profiles are not applied. Grey
-// images have one channel, colour images have the channels B, G, R, and images with alpha, including grey
-// ones, have the channels B, G, R, alpha. Throws Error(data) for all errors of libpng, for a wrong checksum
-// of any chunk, and if the file is too short for its number of pixels. The message starts with `name`.
-// Warnings of libpng are ignored.
+// images have one channel, colour images have the channels B, G, R, and images with alpha or a transparent
+// colour, including grey ones, have the channels B, G, R, alpha. Throws Error(data) for all errors of libpng,
+// for a wrong checksum of any chunk, and if the file is too short for its number of pixels. The message
+// starts with `name`. Warnings of libpng are ignored.
 cv::Mat decode_png(std::span<const std::byte> file, const std::string& name);
 
 }  // namespace ubs

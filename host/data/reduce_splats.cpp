@@ -35,8 +35,9 @@ struct Reduced {
   double covariance[3][3] = {};
 };
 
-// Computes the mean and the covariance of the mixture of the slices, weighted by their opacities. `rule` is
-// ReduceOptions::opacity.
+// Combines the slices of one splat, which are its positions, covariances and opacities for the chosen view
+// directions. Computes the mean and the covariance of the mixture of the slices, weighted by their opacities,
+// and an opacity according to `rule`, which is ReduceOptions::opacity.
 Reduced combine(const std::vector<Slice>& slices, const std::string& rule) {
   double sum = 0, squares = 0, largest = 0;
   for (const auto& s : slices) {

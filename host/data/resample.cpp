@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// resize_bicubic() resamples the columns first and then the rows, with an 8-bit intermediate image. The
+// resize_bicubic() changes the width first and then the height, with an 8-bit intermediate image. The
 // weights are those of the Keys kernel (a = -1/2), stretched by the reduction factor, normalised, and rounded
 // to 22 fractional bits. The sums are integers, so the result is exact on every machine. The method is
 // documented in Pillow's handbook ("Filters"), and the result was compared byte by byte with Pillow 13.0

@@ -7,8 +7,8 @@
 // - Spherical harmonics of higher degrees are stored as an index into a palette. The palette is an image
 //   with 64 entries per row and one pixel per coefficient of an entry. Its bytes are indices into a third
 //   codebook.
-// Version 1 differs in two ways. It has lower and upper bounds instead of codebooks, and a byte from 0 to 255
-// is a position between these bounds. And it stores opacities as logits.
+// The values of version 1 differ in two ways. Version 1 has lower and upper bounds instead of codebooks, and
+// a byte from 0 to 255 is a position between these bounds. And it stores opacities as logits.
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
@@ -30,9 +30,10 @@ namespace {
 
 constexpr std::size_t kBook = 256, kPalette = 65536, kPaletteRow = 64;
 constexpr std::size_t kSplatBytes = 4 * (3 + 3 + 4 + 1);  // memory of a splat without spherical harmonics
-constexpr int kBookRounds = 20;
+constexpr int kBookRounds = 20;                           // number of rounds of k-means for a codebook
 constexpr int kFirstMode = 252;            // alpha of the pixel of a quaternion whose largest component is w
 constexpr std::size_t kSplatsAByte = 100;  // maximum plausible number of splats per byte of a file
+// An image may have 1.25 times the required number of pixels plus this number. Larger images are not decoded.
 constexpr std::size_t kSparePixels = 1 << 20;
 constexpr std::size_t kLargestMeta = 1 << 20;  // maximum size of meta.json; its usual size is about 20 KB
 // Keys of meta.json that are used or known to be irrelevant. A note names all other keys.
@@ -188,10 +189,10 @@ class SplatImage {
 // ---- Reading ----
 
 // Returns the numbers of an array of meta.json. Throws if the array has fewer than `least` elements, or if
-// one of them is null, which exporters write for infinity and NaN.
+// one of them is not a number. (Exporters write null for infinity and NaN.)
 std::vector<double> numbers_of(const Json& array, std::size_t least, const std::string& where) {
   if (!array.is_array() || array.size() < least)
-    fail(ErrorKind::data, "{}: expected an array of {} numbers", where, least);
+    fail(ErrorKind::data, "{}: expected an array of at least {} numbers", where, least);
   std::vector<double> numbers;
   for (const Json& number : array) {
     if (!number.is_number())

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Reads and writes the 32-byte .splat format of web viewers; see foreign_formats.hpp. The format has no
-// header, so a file can be recognised only by its size and its values.
+// header, so files are recognised by their extension, and only their size and their values show whether they
+// are valid.
 #include <algorithm>
 #include <cmath>
 #include <cstdint>

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// load_splat_model() loads model files of any known format, which is recognised by the content of the file.
-// Files of ubs and of the published code are loaded unchanged; third-party files are converted to models of
-// the variant that they were trained with (gaussian_model.hpp).
+// load_splat_model() loads model files of any known format. The format is recognised by the content of the
+// file, except that of .splat files, which is recognised by the extension. Files of ubs and of the published
+// code are loaded unchanged; third-party files are converted to models of the variant that they were trained
+// with (gaussian_model.hpp).
 #pragma once
 
 #include <array>
@@ -27,7 +28,9 @@ struct FileStart {
   std::vector<std::string> ply = {};      // header lines of a PLY file, with one blank between words
   std::vector<std::string> members = {};  // names of the files in a ZIP archive; empty if it is damaged
   std::string packed = {};                // first unpacked bytes of a gzip file; empty if it is damaged
-  std::string json = {};                  // text of a JSON file; empty for other files
+  // Text of a file with the extension .json or .gltf that contains a JSON object; empty for other files and
+  // for files of more than 64 MiB.
+  std::string json = {};
 };
 
 // SplatFormat describes a format of model files. The formats are the rows of a table in splat_file.cpp. A new
@@ -38,7 +41,7 @@ struct SplatFormat {
 
   std::string_view name;       // name in --to and in the library, such as "spz"
   std::string_view title;      // name in messages, such as "SPZ"
-  std::string_view extension;  // usual extension; files with other extensions are recognised too
+  std::string_view extension;  // usual extension; only .splat and .json files must have it to be recognised
   Holds holds;
   bool (*recognise)(const FileStart& start);
   ImportedSplats (*read)(const std::filesystem::path& path);  // null for the format of ubs

@@ -51,6 +51,7 @@ std::vector<AxisTurn> axis_turns() {
 
 // Permutes the axes of splat i so that its rotation is as close as possible to that of the previous time
 // sample. The ellipsoid does not change. The axes are only permuted if the rotation becomes clearly closer.
+// Then chooses the sign of the quaternion that is closer to the previous quaternion.
 void name_axes_alike(const ImportedSplats& before, ImportedSplats& splats, std::size_t i,
                      std::span<const AxisTurn> turns) {
   constexpr float kClearlyNearer = 1e-4f;

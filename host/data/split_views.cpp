@@ -27,8 +27,8 @@ void sort_by_name(std::vector<View>& views) {
   });
 }
 
-// Returns the splits train and test. `images[i]` contains the indices of the views of image i, and `held[i]`
-// says whether image i is a test image.
+// Returns the split "train" and, if there are test images, the split "test". `images[i]` contains the indices
+// of the views of image i, and `held[i]` says whether image i is a test image.
 std::vector<Split> divided(std::vector<View> views, const std::vector<std::vector<std::uint32_t>>& images,
                            const std::vector<char>& held) {
   Split train{"train", {}}, test{"test", {}};
@@ -40,8 +40,9 @@ std::vector<Split> divided(std::vector<View> views, const std::vector<std::vecto
   return splits;
 }
 
-// The position of a camera relative to the centre of all cameras, in units of their mean distance from it,
-// followed by the direction of the camera.
+// PlaceAndDirection holds the position of the camera of an image relative to the mean position of all
+// cameras, in units of their mean distance from it, and then the mean viewing direction of the views of the
+// image.
 using PlaceAndDirection = std::array<double, 6>;
 
 std::vector<PlaceAndDirection> places_of(const std::vector<View>& views,
@@ -107,9 +108,9 @@ std::vector<std::size_t> nearest_of(const std::vector<PlaceAndDirection>& places
   return nearest;
 }
 
-// Chooses `count` test images. Sets in which one image is the nearest image of another one are not
-// considered. Of all other sets, the one with the smallest sum of one_sided() is chosen. If several sets are
-// equally good, the set that comes first by name is chosen.
+// Chooses `count` test images. Sets of test images that contain an image together with the image nearest to
+// it are not considered. Of all other sets, the one with the smallest sum of one_sided() is chosen. If
+// several sets are equally good, the set that comes first by name is chosen.
 std::vector<char> inner_images(const std::vector<PlaceAndDirection>& places, std::size_t count) {
   constexpr double kEqual = 1e-9;  // sums that differ by less are treated as equal, because of rounding
   const std::vector<std::size_t> nearest = nearest_of(places);

@@ -17,10 +17,11 @@ inline constexpr int kTestEvery = 8;
 // train. The value kAutoInt means kTestEvery. All views of one image (View::part_of) are in the same split.
 std::vector<Split> split_every(std::vector<View> views, int test_every);
 
-// Does the same, unless `test_every` is kAutoInt and there are fewer than 24 images. In this case, there are
-// as many test images as with kTestEvery, but they are the images that the other images surround best, and
-// the report gets a note. The usual rule would make the first image a test image, and this image is often at
-// the end of the path of the camera. With fewer than three images, there is no test split.
+// Splits the views like split_every(), unless `test_every` is kAutoInt and there are fewer than 24 images. In
+// this case, there are as many test images as with kTestEvery, but they are the images that the other images
+// surround best, and the report gets a note. split_every() would make the first image a test image, and this
+// image is often at the end of the path of the camera. If `test_every` is kAutoInt and there are fewer than
+// three images, there is no test split.
 std::vector<Split> split_views(std::vector<View> views, int test_every, LoadReport& report);
 
 }  // namespace ubs

@@ -28,7 +28,7 @@ constexpr std::size_t kHeader = 16;
 constexpr std::uint8_t kAntialiased = 1;
 constexpr double kColourScale = 0.15;  // scale of the coefficient of degree 0 of the spherical harmonics
 constexpr int kFractionBits = 12;      // fraction bits that the writer uses if the scene is not too large
-// Maximum absolute value of a coordinate in quantisation steps. The largest number with 24 bits is one
+// Maximum absolute value of a coordinate in quantisation steps. The largest signed number with 24 bits is one
 // larger.
 constexpr double kMostSteps = 8388606;
 // Maximum plausible compression ratio. Zstandard can compress constant data so strongly that a small damaged
@@ -55,8 +55,8 @@ Header read_header(ByteReader& in) {
   if (h.degree > 4)
     fail(ErrorKind::data, "{}: spherical harmonics of degree {} are not supported", in.name(), h.degree);
   if (h.fraction_bits > 23)
-    fail(ErrorKind::data, "{}: {} fraction bits are more than the 24 bits of a coordinate", in.name(),
-         h.fraction_bits);
+    fail(ErrorKind::data, "{}: {} fraction bits are not possible: a coordinate has 23 bits and a sign",
+         in.name(), h.fraction_bits);
   return h;
 }
 
@@ -204,7 +204,7 @@ double largest_coordinate(const ImportedSplats& splats) {
 }
 
 // Returns the number of fraction bits: kFractionBits, or the largest smaller number with which the largest
-// coordinate can be stored. Returns 0 if it cannot be stored at all.
+// coordinate can be stored. If it cannot be stored with any number of fraction bits, also returns 0.
 int fraction_bits_for(double largest) {
   int bits = kFractionBits;
   while (bits > 0 && std::ldexp(largest, bits) > kMostSteps) --bits;

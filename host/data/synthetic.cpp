@@ -57,7 +57,10 @@ Pose place_camera(const SplitPlan& split, int i, std::uint64_t seed, const Scene
   pose.up = pose.back.cross(pose.right);
   pose.centre = pose.back * kSyntheticDistance + Vec3(0, 0, scene.focus_height());
   if (!scene.dynamic()) return pose;
-  const bool training = split.stream == 0;  // the times of the other splits are between the training times
+  // Training views are at both ends of the time from 0 to 1 and at equal steps between them. The views of the
+  // other splits are at the midpoints of equal intervals, so that their times usually differ from the
+  // training times.
+  const bool training = split.stream == 0;
   pose.time = training ? static_cast<double>(i) / std::max(1, split.views - 1) : (i + 0.5) / split.views;
   return pose;
 }

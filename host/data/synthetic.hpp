@@ -21,7 +21,7 @@ inline constexpr double kSyntheticAngleX = 0.6911112, kSyntheticDistance = 4.031
 
 struct SyntheticOptions {
   std::string scene = "glossy";
-  int width = 100, height = 100;
+  int width = 100, height = 100;                        // size of the images [px]
   int train_views = 40, test_views = 8, val_views = 0;  // a split with 0 views has no JSON file
   int supersampling = 3;                                // rays per pixel along each axis
   std::uint64_t seed = 0;                               // determines the cameras and the shape of the cloud

@@ -17,7 +17,8 @@ namespace ubs {
 namespace {
 
 constexpr std::size_t kNeighbours = 6;  // number of images that each image is matched with
-// Maximum distance [px] of a match from the epipolar line, and of the projected point from its corners.
+// Maximum distance of a match from the epipolar line, and of the projected point from its corners, in pixels
+// of the searched image (corners.hpp).
 constexpr double kBand = 2;
 constexpr double kMinAngle = 0.01;  // minimum angle between two rays [rad]
 constexpr double kAgreement = 0.8;  // minimum correlation of the patches around two matched corners
@@ -31,9 +32,9 @@ constexpr double kBeyond = 0.1;     // fraction of 1/depth by which these limits
 constexpr int kDepths = 16;         // number of depths that are tried
 // A pixel is compared with this number of other images. They are those with the nearest cameras.
 constexpr std::size_t kComparedWith = 4;
-constexpr double kPlacedAgreement = 0.85;  // minimum correlation of the patches in these images
-constexpr std::size_t kTries = 4;          // maximum number of random pixels that are tried per point
-constexpr std::uint32_t kStream = 0x706c6163;
+constexpr double kPlacedAgreement = 0.85;      // minimum correlation of the patches in these images
+constexpr std::size_t kTries = 4;              // maximum number of random pixels that are tried per point
+constexpr std::uint32_t kStream = 0x706c6163;  // stream of CounterRandom that chooses these pixels
 
 // Constants for the comparison of brightness.
 constexpr std::size_t kMinCompared = 50;  // minimum number of corners that two images have in common

@@ -2,8 +2,8 @@
 // undistort() resamples images to pinhole cameras, which are the only cameras that the rasteriser supports.
 // An image of a lens with distortion becomes one pinhole view with the same focal length. A wide image is an
 // image of more than 110 degrees. A single view of such an image would have many pixels with little detail at
-// its border, and beyond 180 degrees a single view is impossible. So a wide image becomes several views of 90
-// degrees from the same position, which are the faces of a cube around the camera.
+// its border, and beyond 180 degrees a single view is impossible. So a wide image becomes several views of at
+// most 90 degrees from the same position, which are the faces of a cube around the camera.
 #pragma once
 
 #include <array>
@@ -25,22 +25,25 @@ struct Undistortion {
   std::array<double, 9> rotation{1, 0, 0, 0, 1, 0, 0, 0, 1};
   // Face of the cube: front, right, back, left, up or down. Empty if this is the only view of the image.
   std::string face;
-  double max_angle = 4;  // [rad] rays with a larger angle to the optical axis are not in the image
-  bool whole = true;     // whether the image covers all pixels of the view
+  // [rad] Rays with a larger angle to the optical axis are not in the image. The default of 4 is no limit.
+  double max_angle = 4;
+  bool whole = true;  // whether the image covers all pixels of the view
 };
 
 // Returns the larger of the horizontal and the vertical angle of view of the image [degrees].
 double degrees_covered(const Lens& lens);
 
-// Returns a single view of the image, which is the largest rectangle of the ideal image that the distorted
-// image covers completely. If the parameters of the lens leave no usable rectangle, throws an error whose
-// message starts with `where`.
+// Returns a single view of the image. It is a rectangle of the ideal image that the distorted image covers
+// completely. Each of its sides is at the innermost point of the same border of the undistorted image, but at
+// most twice as far from the principal point as this border is in the distorted image. If the parameters of
+// the lens leave no usable rectangle, throws an error whose message starts with `where`.
 Undistortion plan_undistortion(const Lens& lens, const std::string& where);
 
 // Returns the faces of the cube that show a part of the image, each cropped to this part. The focal length of
-// a face is the resolution of the image, in pixels per radian, at the centre of the face. If the resolution
-// differs between directions, the lowest one is used. Faces with fewer than 16 pixels in a direction are
-// skipped, so the result may be empty.
+// a face is the resolution of the image, in pixels per radian, at the centre of the face, or at the visible
+// ray that is nearest to the centre. If the resolution differs between directions, the lowest one is used.
+// Faces with fewer than 16 pixels in a direction are skipped, so the result may be empty. Throws Error(data)
+// with a message that starts with `where` if a resolution is 16384 or more, or not a number.
 std::vector<Undistortion> plan_faces(const Lens& lens, const std::string& where);
 
 // Returns the views of an image. For a wide image, these are the faces of plan_faces(), if there are any.

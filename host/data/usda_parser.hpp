@@ -2,7 +2,7 @@
 // UsdaParser reads OpenUSD text files. It visits prims and their properties, and stores the position of each
 // property's value in the text; only the values that are needed are converted to numbers. It does not follow
 // references, payloads, sublayers or variants. All errors are Error(data), and their messages contain the
-// name of the file and the line.
+// name of the file and, unless the file is not a USD text file at all, the line.
 #pragma once
 
 #include <cstddef>
@@ -100,7 +100,8 @@ class UsdaParser {
 
   void prim(UsdLayer& layer, std::size_t parent, std::size_t depth, const std::string& specifier);
 
-  // Parses [custom] [uniform] type[[]] name[.timeSamples] [= value] [(metadata)].
+  // Parses a property, which has the form [custom] [uniform] type[[]] name[.timeSamples] [= value]
+  // [(metadata)]. `first` is its first word.
   void property(UsdPrim& prim, const std::string& first);
 
   void read_samples(UsdProperty& property);

@@ -210,7 +210,8 @@ class UsdSplatReader {
          name, least, most, expected);
   }
 
-  // Returns the sum of the translations of a prim and of all prims above it.
+  // Returns the sum of the translations of a prim and of all prims above it, up to the first one that ignores
+  // the prims above it.
   std::array<double, 3> place_of(const UsdPrim& prim) {
     std::array<double, 3> place{};
     for (const UsdPrim* at = &prim;; at = &layer_.prims[at->parent]) {

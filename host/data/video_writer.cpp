@@ -26,6 +26,7 @@ const std::map<std::string, std::vector<std::string>>& codecs() {
   return table;
 }
 
+// QuietOpencv is an object that silences the log of OpenCV as long as it exists.
 class QuietOpencv {
  public:
   QuietOpencv() : level_(cv::utils::logging::setLogLevel(cv::utils::logging::LOG_LEVEL_SILENT)) {}

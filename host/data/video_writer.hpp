@@ -22,13 +22,14 @@ std::vector<std::string> video_extensions();
 // formats in a temporary folder.
 std::string writable_videos();
 
-// VideoWriter is like AtomicFile, but an encoder writes the file. The file does not appear under its name
-// before commit().
+// VideoWriter encodes frames into a temporary file, and commit() gives this file its name. So the file does
+// not appear under its name before it is complete.
 class VideoWriter {
  public:
   // The width and the height must be even numbers from 16 to 16384, and `fps` must be above 0 and at most
-  // 1000. Throws Error(usage) for other sizes and rates, and for unknown extensions. Throws Error(data) if no
-  // encoder accepts the file; the message lists the formats that can be written.
+  // 1000. Throws Error(usage) for other sizes and rates, and for unknown extensions. Throws Error(data) if
+  // the folder does not exist, or if no encoder accepts the file; in this case the message lists the formats
+  // that can be written.
   VideoWriter(std::filesystem::path path, int width, int height, double fps);
   ~VideoWriter();
   VideoWriter(const VideoWriter&) = delete;

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // These functions combine a view with its image file. They determine the size of the view, its intrinsics,
-// and how the image is undistorted and reduced (docs/data.md). The loaders of all layouts whose cameras state
-// a lens use them.
+// and how the image is undistorted and reduced (docs/data.md). The loaders of data folders use them.
 #pragma once
 
 #include <filesystem>

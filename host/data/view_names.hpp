@@ -13,11 +13,11 @@
 
 namespace ubs {
 
-// Returns `name` with %HH (the hexadecimal value) in place of each byte that is not allowed in file names on
-// every system. These bytes are separators, control characters and <>:"|?*. The first byte is also replaced
-// in names that consist only of dots, and in names of Windows devices (CON, LPT1, ...). A name of more than
-// 180 bytes is shortened to its start, "~" and a hash of the whole name. An empty name becomes "view". The
-// name need not be UTF-8. A name that needs no change is returned unchanged.
+// Returns `name` with %HH (the hexadecimal value) in place of each byte that some operating system does not
+// allow in file names. These bytes are separators, control characters and <>:"|?*. The first byte is also
+// replaced in names that consist only of dots, and in names of Windows devices (CON, LPT1, ...). A name of
+// more than 180 bytes is shortened to its start, "~" and a hash of the whole name. An empty name becomes
+// "view". The name need not be UTF-8.
 std::string safe_file_name(std::string_view name);
 
 // Applies safe_file_name() to the name of every view. If several views have the same name, the second and
@@ -26,9 +26,9 @@ std::string safe_file_name(std::string_view name);
 // _depth, because `render` writes files with these names.
 void settle_view_names(std::vector<View>& views);
 
-// Does the same for views that are grouped by image: counts[i] consecutive views belong to image i. The names
-// of images are made unique first, so that the names of all views of one image start with the same
-// View::part_of.
+// Makes the names of views unique, like settle_view_names(), for views that are grouped by image: counts[i]
+// consecutive views belong to image i. The names of images are made unique first, so that the names of all
+// views of one image start with the same View::part_of.
 void settle_image_names(std::vector<View>& views, const std::vector<std::size_t>& counts);
 
 }  // namespace ubs

@@ -19,7 +19,8 @@ struct Rgba8 {
 // Returns the contents of a WebP file. The colours of pixels with alpha 0 may be lost.
 std::vector<std::byte> encode_webp(const Rgba8& image);
 // Decodes an image. Throws Error(data) with a message that starts with `name` if the image is damaged, if it
-// has more than `most_pixels` pixels, or if it is lossy, because the pixels encode data.
+// has more than `most_pixels` pixels, or if it is lossy, because the pixels encode data. (A lossy image with
+// an extended header is not recognised as lossy.)
 Rgba8 decode_webp(std::span<const std::byte> bytes, std::size_t most_pixels, const std::string& name);
 
 }  // namespace ubs

@@ -12,7 +12,7 @@
 namespace ubs {
 namespace {
 
-constexpr int kLosslessQuality = 101;
+constexpr int kLosslessQuality = 101;    // OpenCV encodes without loss if the quality is above 100
 constexpr std::size_t kPixelBytes = 12;  // memory per pixel for the decoder, for OpenCV and for the result
 
 // Swaps R and B. OpenCV uses B, G, R, A, so the same swap converts in both directions.

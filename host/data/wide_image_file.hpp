@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// StoredWideImage is a WideImage (host/scene/wide_image.hpp) whose pixels are in a file.
+// StoredWideImage is a WideImage (host/scene/wide_image.hpp) whose pixels are read from a file on demand.
 #pragma once
 
 #include <memory>

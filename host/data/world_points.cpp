@@ -37,8 +37,8 @@ WorldPoints read_world_points(const std::filesystem::path& path) {
   for (std::size_t r = 0; r < properties.size(); ++r) rows.push_back(table.data() + r * header.count);
   read_ply_rows(stream, header, properties, rows, name);
 
-  // Colours that are stored as bytes are from 0 to 255. Colours that are stored as floating-point numbers are
-  // often from 0 to 1.
+  // Colours that are stored as bytes are from 0 to 255. Colours of another type are often from 0 to 1, so
+  // they are multiplied by 255 if none of them exceeds 1.
   double largest = 0;
   for (std::size_t r = 3; r < rows.size(); ++r)
     for (std::size_t i = 0; i < header.count; ++i) {
@@ -72,8 +72,8 @@ WorldPoints read_world_points(const std::filesystem::path& path) {
 // chi-squared distribution with 63 degrees of freedom, whose mean is 63 and whose standard deviation is 11.
 // The second sum is computed for each colour channel. It is the sum of the squared deviations of the mean
 // colours of the cells, divided by their variances. For random colours, it has the same distribution. Points
-// on surfaces leave most cells empty, so their first sum is near the number of points. The points are random
-// if all sums are below 150. Only one random cloud in 10^8 exceeds this bound.
+// on surfaces leave most cells empty, so their first sum is near the number of points. The points are treated
+// as random if all four sums are below 150. About two random clouds in 10^8 exceed this bound.
 bool is_random_filling(const WorldPoints& points) {
   constexpr std::size_t kFewest = 1000, kSide = 4, kCells = kSide * kSide * kSide;
   constexpr double kBound = 150;

@@ -47,7 +47,7 @@ class ZipReader {
 };
 
 // Returns the names of the members of an archive of any size. Reads only the directory at the end of the
-// file. Returns no names if the directory is missing, damaged or in ZIP64 format.
+// file. Returns no names if the directory is missing, damaged, larger than 64 MiB or in ZIP64 format.
 std::vector<std::string> zip_member_names(const std::filesystem::path& path);
 
 }  // namespace ubs

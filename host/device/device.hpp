@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Device is the lower one of the two layers between the pipeline and a back end; the upper one is Stages
 // (stages.hpp). A Device manages memory and copies. All work that is enqueued on a device runs in the order
-// in which it was enqueued.
+// in which it was enqueued, except for the copies of copy_async().
 #pragma once
 
 #include <algorithm>

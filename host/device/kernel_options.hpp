@@ -31,8 +31,9 @@ Options frozen_options(const KernelConfig& config);
 Options depth_gradient_options(const KernelConfig& config);
 // Returns UBS_MATH, which selects exact or approximate arithmetic.
 Options arithmetic_options(MathMode math);
-// Returns the switches of the rasterisers: spatial kernel, extents, skipped work, gradients that are not
-// requested, depth, and arithmetic.
+// Returns the switches of the rasterisers. They select whether depth and absolute gradients are computed, the
+// falloff of the spatial kernel, the smallest alpha, whether there is a backward pass, which gradients are
+// not needed, and the arithmetic.
 Options raster_options(const KernelConfig& config);
 
 }  // namespace ubs

@@ -2,7 +2,8 @@
 // This file declares the argument types of kernels. These are the kernels that all back ends share
 // (kernels/map), and kernels that have the same arguments in each back end. Because of these declarations, a
 // launch with a wrong buffer or a wrong number of arguments does not compile. For kernels that all back ends
-// launch in the same way (host/device/map_stages.hpp), this file also contains the name.
+// launch in the same way (map_stages.hpp, map_metric_ops.hpp and parameter_stages.hpp), this file also
+// contains the name.
 #pragma once
 
 #include <cstdint>
@@ -23,6 +24,7 @@ template <typename T>
 inline constexpr bool kKernelValue =
     std::is_arithmetic_v<T> || std::is_same_v<T, LossWeights> || std::is_same_v<T, PenaltyWeights>;
 
+// Declared holds the name of a kernel whose arguments have the types of the function type `Signature`.
 template <typename Signature>
 struct Declared {
   const char* name;

@@ -48,8 +48,8 @@ struct LoadImage {
   BufferView<float> out;
 };
 
-// Prepares a convolution as a matrix product: writes the windows of the output pixels first to first + count
-// - 1 as columns of a matrix.
+// Prepares a convolution, which is then computed as a matrix product. Writes the windows of `count` output
+// pixels, starting with the pixel `first`, as columns of a matrix.
 struct Im2col {
   BufferView<float> image;
   PlanarSize size;

@@ -83,8 +83,8 @@ class ParameterStages {
   }
 
  private:
-  // The splats first to first + slots - 1 may receive copies. The random numbers for the splat first + i
-  // depend on i.
+  // Draw describes which splats may be replaced by copies of other splats: those with the indices from
+  // `first` to `first` + `slots` - 1. The random numbers for the splat `first` + i depend on i.
   struct Draw {
     u32 first, slots, purpose;
     bool alive_only;

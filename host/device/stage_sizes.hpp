@@ -30,7 +30,8 @@ inline constexpr std::uint32_t kRadixBits = 8;      // a work-group has one work
 // The maps of the loss have a margin of zeros. It has kMapMargin columns, of which 21 are on the left, and
 // kLossRadius rows (the radius of the window) above and below the image.
 inline constexpr int kMapMargin = 48, kLossRadius = 5;
-inline constexpr std::uint64_t kLossTileRows = 16;  // kernels/gpu/loss.cl
+// Number of rows of a tile of the image loss on GPUs (kernels/gpu/loss.cl).
+inline constexpr std::uint64_t kLossTileRows = 16;
 // On CPUs, all channels of an image with at most this number of pixels are processed in one launch. The
 // comments in host/opencl/image_loss.cpp explain this number.
 inline constexpr std::uint64_t kSmallImage = std::uint64_t{1} << 16;

@@ -73,7 +73,8 @@ struct ProjectionSettings {
   float eps2d = 0.3f;  // added to the diagonal of the projected support ellipse [px^2]
 };
 
-// Raw parameters on the device. Parameter k of splat i is at index k * stride + i.
+// SplatView refers to the raw parameters of splats on the device. Parameter k of splat i is at index
+// k * stride + i.
 struct SplatView {
   BufferView<float> params;
   std::uint32_t count = 0, stride = 0;  // stride is a multiple of 64

@@ -49,7 +49,8 @@ unsigned tuned_value(TunedTable table, const TuningValues& values, std::string_v
 std::filesystem::path tuning_file(const DeviceInfo& device);
 // Returns the values in the tuning file. Returns no values if the file does not exist, or if the environment
 // variable UBS_TUNING is "off". If the file is damaged or belongs to another device, it is ignored; values
-// that the table does not allow are ignored too. Each of these cases is logged once per process as a warning.
+// that the table does not allow are ignored too. A warning, which is printed once per process, names each
+// file and value that is ignored.
 TuningValues load_tuning(const DeviceInfo& device, TunedTable table);
 // Stores values for one kind of rasteriser in the tuning file. The values for the other kind are not changed.
 // The file is replaced atomically, and its folder is created if necessary.

@@ -16,14 +16,15 @@ namespace ubs::opencl {
 constexpr std::size_t kCoreGroupItems = 16;  // the default of UBS_CORE_GROUP_ITEMS in the kernels
 
 // Returns the number of cores if the device supports such kernels, which is the case for PoCL on an x86 CPU
-// with more than one core. The kernels of PoCL run in this process and can determine which core they run on.
-// Returns 0 for all other devices.
+// with more than one core and the instruction rdtscp. The kernels of PoCL run in this process and can
+// determine which core they run on. Returns 0 for all other devices.
 std::uint32_t cores_for_groups(const OpenclDevice& device);
 
 // Returns the value of UBS_CORE_SHARES, which contains the share of each core. For example, "0,0,1" means
 // that core 0 has share 0 and core 2 has share 1. `cores` contains the numbers of the cores that the process
-// may use, in ascending order. By default, the kernels use the remainder of the number modulo `shares` as the
-// share. Therefore the result is empty if these remainders already distribute the cores over all shares.
+// may use, in ascending order. By default, the kernels divide the number of a core by `shares` and use the
+// remainder as its share. Therefore the result is empty if these remainders already distribute the cores over
+// all shares. It is also empty if `cores` is empty.
 std::string core_shares(std::span<const std::uint32_t> cores, std::uint32_t shares);
 
 // CoreGroups launches the kernels of a stage in groups of one work-item. If `cores` is 0, the driver

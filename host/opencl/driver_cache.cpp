@@ -30,7 +30,7 @@ namespace fs = std::filesystem;
 using namespace std::chrono_literals;
 
 constexpr auto kTemporaryAge = 10min;  // temporary files are removed after this time
-constexpr auto kTidyEvery = 24h;       // unused programs are searched this often
+constexpr auto kTidyEvery = 24h;       // interval between two searches for unused programs
 constexpr auto kUnusedAge = 90 * 24h;  // unused programs are removed after this time
 
 // Returns the time since the last change, or zero if the file does not exist.
@@ -48,9 +48,9 @@ std::vector<fs::path> entries_of(const fs::path& folder) {
   return entries;
 }
 
-// Removes programs that have not been used for kUnusedAge. Does nothing if it was already called in the last
-// kTidyEvery. Programs are folders two levels below `folder`. PoCL touches the file `last_accessed` in the
-// folder of a program whenever it uses the program.
+// Removes programs that have not been used for kUnusedAge. Does nothing if the last call was less than
+// kTidyEvery ago. Programs are folders two levels below `folder`. PoCL touches the file `last_accessed` in
+// the folder of a program whenever it uses the program.
 void remove_unused(const fs::path& folder) {
   std::error_code ignored;
   const fs::path stamp = folder / "tidied";
@@ -193,14 +193,15 @@ std::size_t checked_sums(const fs::path& folder, bool heal) noexcept {
   }
 }
 
-// A folder that cannot be created. If this folder is set, PoCL reports no device, and does not choose a
-// folder by itself.
+// This folder cannot be created. If POCL_CACHE_DIR is this folder, PoCL reports no device, and does not
+// choose a folder by itself.
 const fs::path kNoFolder = "/dev/null/ubs";
 constexpr const char* kFolderVariables[] = {"POCL_CACHE_DIR", "XDG_CACHE_HOME", "HOME"};
 
 SetVariable set_variable = nullptr;
 
-// Returns the folder that the environment specifies for PoCL if it is writable, otherwise that of ubs.
+// Returns the folder that the environment specifies for PoCL if it is writable, and otherwise the folder
+// `pocl` in the cache folder of ubs. If there is no cache, returns a temporary folder or kNoFolder.
 fs::path chosen() {
   const char* given = std::getenv("POCL_CACHE_DIR");
   fs::path folder = given && *given ? usable_cache(given) : kernel_cache_folder();

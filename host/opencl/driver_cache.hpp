@@ -15,11 +15,11 @@ namespace ubs::opencl {
 // other processes PoCL uses its own folder.
 void keep_driver_cache(SetVariable set);
 
-// This function must be called before the first OpenCL call. Only its first call has an effect. It sets
-// POCL_CACHE_DIR to `pocl` in kernel_cache_folder(), after removing old and damaged files there. A
-// POCL_CACHE_DIR set by the user is kept if it is writable. With UBS_KERNEL_CACHE=off, or if there is no
-// usable folder, PoCL gets a temporary folder for this process only, or the path of a folder that cannot
-// exist. Otherwise PoCL would choose a folder in the temporary directory, which another user may have
+// This function must be called before the first OpenCL call. Only its first call after keep_driver_cache()
+// has an effect. It sets POCL_CACHE_DIR to `pocl` in kernel_cache_folder(), after removing old and damaged
+// files there. A POCL_CACHE_DIR set by the user is kept if it is writable. With UBS_KERNEL_CACHE=off, or if
+// there is no usable folder, PoCL gets a temporary folder for this process only, or the path of a folder that
+// cannot exist. Otherwise PoCL would choose a folder in the temporary directory, which another user may have
 // created, and run the code in it.
 void prepare_driver_cache();
 
@@ -34,7 +34,7 @@ bool driver_has_folder();
 // all files are compared once. Never throws.
 std::size_t heal_driver_cache(const std::filesystem::path& folder);
 
-// Stores check sums of new files. It is called at the end of a process. Never throws.
+// Stores the check sums of new and changed files. It is called at the end of a process. Never throws.
 void record_driver_cache(const std::filesystem::path& folder);
 
 // Removes PoCL's temporary files that are older than ten minutes (a kernel compiles in seconds) and, once per

@@ -66,7 +66,7 @@ std::vector<Gemm::Block> Gemm::blocks(const MatrixProduct& p) const {
 
 namespace {
 
-// Sizes and position of a block in the three matrices.
+// Layout contains the size of a block and its position in each of the three matrices.
 struct Layout {
   std::size_t rows, columns, inner, a_offset, a_pitch, b_offset, b_pitch, c_offset, c_pitch;
 };

@@ -16,8 +16,8 @@ namespace ubs::opencl {
 namespace {
 
 constexpr std::size_t kHugePage = std::size_t{2} << 20;
-// Minimum size of a buffer in huge pages. With this minimum, rounding the size up to whole pages at most
-// doubles it.
+// Minimum size of a buffer that is allocated in huge pages [bytes]. With this minimum, rounding the size up
+// to whole pages at most doubles it.
 constexpr std::size_t kLeast = kHugePage / 2;
 
 bool wanted() { return environment("UBS_HUGE_PAGES") != "0"; }

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // ImageLossKernels runs the stage ImageLoss on OpenCL devices. It computes the L1 + SSIM loss of an image
-// against its target, and the gradient of the loss, in two passes over tiles (kernels/gpu/loss.cl). For each
-// channel of a launch, it allocates three float planes as scratch memory.
+// against its target, and the gradient of the loss, in two passes over tiles (kernels/gpu/loss.cl). If the
+// gradient is requested, it allocates three float planes as scratch memory for each channel of a launch.
 #pragma once
 
 #include "host/opencl/core_groups.hpp"
@@ -15,7 +15,7 @@ class ImageLossKernels {
   void run(const ImageLoss& loss);
 
  private:
-  struct Maps {  // planes of ssim_point() with zero margins
+  struct Maps {  // layout of the planes with the results of ssim_point(), which have margins of zeros
     std::uint32_t pitch = 0, plane = 0;
   };
   std::size_t channels(const ImageShape& shape) const;  // number of channels per launch

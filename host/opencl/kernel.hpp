@@ -65,8 +65,9 @@ class Kernel {
     check_count(index);
     launch(global, local);
   }
-  // Checks that the first parameters have these types, as far as the driver reports them (UBS_SYNC=1). Throws
-  // Error(internal) otherwise.
+  // Throws Error(internal) if the types or the number of the compiled parameters differ from `declared`.
+  // (Core groups add two more parameters.) Drivers report the types only if kernels are built with
+  // UBS_SYNC=1. Without reported types, nothing is checked.
   void check_types(std::span<const ParameterType> declared) const;
   const std::string& name() const { return name_; }
   // Returns the maximum number of work-items of a sub-group in groups of this size, or 0 if the driver does

@@ -68,7 +68,8 @@ inline constexpr Declared<void(const In* in, u32 count, u32 block, const Sum* su
     "scan_write"};
 
 // ---- Tile lists by chunks ----
-// Number of visible splats of a chunk, number of their tiles, smallest key, largest key.
+// ChunkSums contains, for one chunk, the number of visible splats, the number of their tiles, the smallest
+// key and the largest key.
 using ChunkSums = std::array<u64, 4>;
 inline constexpr Declared<void(const u32* tile_counts, const u32* depth_keys, u32 count, u32 chunk, u32 bits,
                                ChunkSums* sums, u32* histogram)>

@@ -27,7 +27,7 @@ LateRead::LateRead(ReadBlocks& blocks, cl_context context, cl_command_queue queu
 
 LateRead::~LateRead() {
   cl_event event = event_.get();
-  clWaitForEvents(1, &event);  // the driver writes to the block until then
+  clWaitForEvents(1, &event);  // the driver writes to the block until this event has completed
   blocks_.give_back(std::move(block_));
 }
 

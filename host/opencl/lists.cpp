@@ -153,7 +153,7 @@ BufferView<std::uint32_t> Lists::depth_order_by_chunks(const Job& job) {
   const auto left =
       static_cast<std::uint32_t>(std::bit_width(largest_ > base ? (largest_ - base) >> top : 0));
   const std::uint32_t widest = digits(job.lists.count).widest;
-  // The last pass writes the indices, so there is at least one.
+  // The last pass writes the indices, so at least one pass is needed.
   const std::uint32_t passes = std::max(1u, (left + widest - 1) / widest);
   const Blocks blocks = scan_.blocks(most);
   const BufferView<std::uint32_t> order = scratch(ids_a_, most);
@@ -212,8 +212,8 @@ void Lists::scan_columns(std::size_t chunks, std::uint32_t bins, BufferView<std:
 
 // ---- GPUs (by groups) -------------------------------------------------------------------------------
 
-// The kernels are also the first pass of the depth sort. They read the keys that the projection has written,
-// and skip splats that are not visible.
+// The kernels that count the splats also do the first pass of the depth sort. They read the keys that the
+// projection has written, and skip splats that are not visible.
 ListTotals Lists::count_by_groups(const CountLists& lists) {
   const bool waits = lists.totals.size == 0;
   const Blocks blocks = group_blocks(lists.count);

@@ -4,9 +4,9 @@
 // (depth, index).
 // With RasterKind::cpu, one work-item processes a chunk of elements, and a counting sort sorts by tile. With
 // RasterKind::gpu, work-groups with local memory write the intersections, and a radix sort sorts them by
-// tile. Both give bit-identical results. In both cases, CountLists already starts the depth sort. Only
-// CountLists waits for the device. If the totals stay on the device, it does not wait either. Then buffers
-// and launches are sized for upper bounds, and the kernels read the actual numbers.
+// tile. Both give bit-identical results. In both cases, CountLists already starts the depth sort. CountLists
+// waits for the device, unless the totals stay on the device; BuildLists never waits. If the totals stay on
+// the device, buffers and launches are sized for upper bounds, and the kernels read the actual numbers.
 #pragma once
 
 #include <array>
@@ -75,7 +75,7 @@ class Lists {
   Buffer<std::uint64_t> sums_, totals_;
   Words drawn_, pairs_;  // the values of ElementCount::counted, one element each
   Words histogram_, starts_, ids_a_;
-  // Only the functions for chunks use the next three lines. CountLists writes the sums of the chunks to
+  // Only the functions for chunks use the members up to largest_. CountLists writes the sums of the chunks to
   // chunk_sums_. It writes the pairs (key, index) of the visible splats to counted_, sorted by the first
   // digit of the key, which has first_bits_ bits. The later passes of the sort write to pairs_a_ and
   // pairs_b_. least_ and largest_ are the smallest and the largest key.

@@ -8,7 +8,7 @@
 namespace ubs::opencl {
 namespace {
 
-// Results of matrix_bytes() on CPUs and on GPUs.
+// These are the results of matrix_bytes() on CPUs and on GPUs.
 constexpr std::size_t kMatrixBytesCpu = std::size_t{4} << 20, kMatrixBytesGpu = std::size_t{64} << 20;
 
 class OpenclMetricOps final : public MapMetricOps<MapKernels> {

@@ -273,9 +273,9 @@ Kernel OpenclDevice::kernel(const ProgramSpec& spec, const std::string& name) {
   const auto is_language = [](const std::string& option) { return option.starts_with("-cl-std="); };
   if (std::ranges::none_of(options, is_language)) options.push_back("-cl-std=CL1.2");
   if (synchronous_) options.push_back("-cl-kernel-arg-info");  // for Kernel::check_types()
-  // In PoCL, the native functions are library functions. In Intel's CPU driver, native_exp2() and
-  // native_log2() have errors of 1e-6 and are not single instructions, so they are replaced by the exact
-  // functions.
+  // With UBS_POCL, the kernels use built-in functions of clang, the compiler of PoCL. In Intel's CPU driver,
+  // native_exp2() and native_log2() have errors of 1e-6 and are not single instructions, so they are replaced
+  // by the exact functions.
   if (on_pocl_cpu_)
     options.push_back("-DUBS_POCL=1");
   else if (info_.type == DeviceType::cpu)

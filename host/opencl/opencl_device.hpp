@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// OpenclDevice is one OpenCL device with its context, one in-order queue and its built programs.
+// OpenclDevice is one OpenCL device with its context, an in-order queue, a second queue for uploads, and its
+// built programs.
 #pragma once
 
 #include <array>
@@ -71,19 +72,20 @@ class OpenclDevice final : public Device, public TunableDevice {
   std::set<std::string> created_kernels() const;
   std::set<std::string> compiled_kernels() const;
 
-  // Returns a kernel. Its program is built once per spec and device object. The driver compiles the kernel at
-  // its first launch.
+  // Returns a kernel. Its program is built once per spec and device object. Some drivers, such as PoCL,
+  // compile the kernel only at its first launch.
   Kernel kernel(const ProgramSpec& spec, const std::string& name);
   // Returns whether this is PoCL's own CPU driver, whose kernels are compiled by clang and run in this
   // process.
   bool on_pocl_cpu() const { return on_pocl_cpu_; }
-  // Returns the number of lanes of an explicit float vector on this device: 16, 8 or 4 on CPUs, 1 on GPUs.
+  // Returns the number of lanes of an explicit float vector on this device: 16, 8 or 4 if the device uses the
+  // kernels for CPUs, and 1 otherwise (platform.cpp).
   unsigned vector_width() const { return info_.float_vector_width; }
 
   cl_context context() const { return context_.get(); }
   cl_device_id id() const { return device_; }
   cl_command_queue queue() const { return queue_.get(); }
-  // Takes ownership of the event of a profiled launch; ignores null events.
+  // Takes ownership of the event of a profiled launch or copy. Ignores null events.
   void record(const std::string& name, cl_event event);
   bool profiling() const { return profiling_; }
   bool synchronous() const { return synchronous_; }  // UBS_SYNC=1: wait after each launch

@@ -16,13 +16,13 @@ const std::vector<TunedConstant>& tuned_constants() {
       // The values must be primes or 1. The host sets 1 if cores choose their groups (core_groups.hpp).
       {"UBS_SCATTER", 31, {1, 101, 211}, "opencl/raster_cpu.cl", cpu, {"raster_forward", "raster_backward"}},
       {"UBS_SUM_GROUP", 64, {16, 32, 128, 256}, "opencl/slot_sum.cl", cpu, {"sum_slots"}},
-      // The values must be multiples of 16, and 26 + 64 rows of (value + 16) floats must fit into local
-      // memory.
+      // The values must be multiples of 16, and 52 + 4 UBS_LOSS_STRIP rows of (value + 16) floats must fit
+      // into local memory.
       {"UBS_LOSS_TILE", 112, {48, 64, 80, 96}, "gpu/loss.cl", cpu, {"image_loss"}},
       {"UBS_LOSS_STRIP", 4, {2, 8}, "gpu/loss.cl", cpu, {"image_loss"}},
       {"UBS_PREFETCH_AHEAD", 1, {2, 4, 8}, "map/project.cl", cpu, {"project_forward", "project_backward"}},
       // With the 100K splats of the tuner, smaller distances are equally fast, but with 3M splats they are
-      // the slowest.
+      // slower.
       {"UBS_LISTS_AHEAD", 96, {48, 64, 128}, "opencl/tile_list_chunks.cl", cpu, {"lists"}},
       {"UBS_LISTS_BATCH", 1024, {256, 512, 2048}, "opencl/tile_list_chunks.cl", cpu, {"lists"}},
       {"UBS_PLACES_BATCH", 512, {128, 256, 1024}, "opencl/tile_list_chunks.cl", cpu, {"lists"}},
@@ -37,8 +37,9 @@ const std::vector<TunedConstant>& tuned_constants() {
       // The values must be multiples of 32 and at most 256, the number of work-items of a tile.
       {"UBS_BACKWARD_BATCH", 128, {32, 64, 256}, "gpu/raster_backward.cl", gpu, {"raster_backward"}},
       {"UBS_BACKWARD_TURN", 32, {16}, "gpu/raster_backward.cl", gpu, {"raster_backward"}},
-      // The mechanism with which work-items exchange values (exchange.hpp). If work-items can exchange
-      // values, the host sets it, unless the constant is tuned to 0. Otherwise it is always 0.
+      // This constant selects the mechanism with which work-items exchange values (exchange.hpp). If
+      // work-items can exchange values, the host sets the constant, unless it is tuned to 0. Otherwise it is
+      // always 0.
       {"UBS_SUBGROUPS", 0, {0, 1}, "gpu/exchange.h", gpu, {"raster_backward"}},
       {"UBS_SUM_GROUP_GPU", 64, {32, 128, 256}, "gpu/sum_slots.cl", gpu, {"sum_slots"}},
       {"UBS_LOSS_TILE_GPU", 32, {16, 48, 64}, "gpu/loss.cl", gpu, {"image_loss"}},

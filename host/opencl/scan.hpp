@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Scan computes exclusive prefix sums of device arrays. This header also declares functions that divide the
-// elements of a stage into blocks for each kind of device. Neither of them waits for the device.
+// elements of a stage into blocks for each kind of device. Neither Scan nor these functions wait for the
+// device.
 #pragma once
 
 #include <cstdint>

@@ -38,7 +38,8 @@ std::string lpips_name(std::string_view network, LpipsRange range);
 
 class ImageMetrics {
  public:
-  // Reads the weights. Throws Error(data) if files are missing or do not match the networks.
+  // Reads the weights. Throws Error(data) if files are missing or do not match the networks, and Error(usage)
+  // if the request contains networks but no weights, or an unknown network.
   ImageMetrics(Device& device, const LpipsRequest& request);
 
   // Throws Error(data) if a network cannot process images of this size, and Error(memory) if the device has

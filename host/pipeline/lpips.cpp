@@ -9,7 +9,7 @@
 namespace ubs {
 namespace {
 
-// Shift and scale of the input per channel, from the definition of LPIPS.
+// These are the shift and the scale of the input per channel, from the definition of LPIPS.
 constexpr std::array<double, 3> kShift{-0.030, -0.088, -0.188}, kScale{0.458, 0.448, 0.450};
 constexpr Layer kPointwise{LayerKind::convolution, 0, 1, 1, 0},
     kThreeByThree{LayerKind::convolution, 0, 3, 1, 1};

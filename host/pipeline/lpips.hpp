@@ -54,7 +54,7 @@ class Lpips {
     Buffer<float> head;  // weights of a tap
     int channels = 0;    // number of channels after this layer
   };
-  // Sizes of the buffers in floats, for images of a given size.
+  // Need contains the sizes of the buffers for images of a given size, in floats except for product_bytes.
   struct Need {
     std::array<std::size_t, 2> features{0, 0};
     std::size_t squeezed = 0, matrix = 0, product_bytes = 0, plane = 0;

@@ -20,7 +20,8 @@ std::array<double, kTaps> window() {
   return weights;
 }
 
-// Weighted sums over a window of the five quantities that SSIM needs, in this order: a, b, a a, b b, a b.
+// Sums contains the weighted sums over a window of the five quantities that SSIM needs, in this order: a, b,
+// a a, b b, a b.
 using Sums = std::array<double, 5>;
 
 Sums add(Sums sums, double weight, const Sums& values) {
@@ -36,7 +37,7 @@ double ssim_of(const Sums& s) {
 
 // Returns for each window, indexed by its first pixel, whether it contains no masked pixel.
 std::vector<bool> whole_windows(std::span<const std::uint8_t> mask, std::size_t width, std::size_t height) {
-  // Number of masked pixels above and to the left of each pixel corner.
+  // `masked` contains, for each corner of a pixel, the number of masked pixels above and to the left of it.
   std::vector<std::size_t> masked((width + 1) * (height + 1));
   for (std::size_t y = 0; y < height; ++y)
     for (std::size_t x = 0; x < width; ++x)

@@ -19,7 +19,7 @@ namespace {
 namespace sizes = stage_sizes;
 
 constexpr double kWord = 4;
-constexpr std::uint64_t kLossTile = 48;  // minimum width of a tile of the loss [px]
+constexpr std::uint64_t kLossTile = 48;  // assumed width of a tile of the loss [px]; it depends on the device
 
 std::uint64_t divide_up(std::uint64_t value, std::uint64_t by) { return (value + by - 1) / by; }
 

@@ -33,10 +33,10 @@ struct MemoryQuestion {
   std::size_t appearances = 0;      // number of images whose exposure and white balance are trained
   bool training = true;             // false: only rendering
   bool refinement = true;           // whether splats are relocated and added during training
-  bool depth = false;
+  bool depth = false;               // whether depth is rendered
   RasterKind raster = RasterKind::cpu;
   bool sorts_by_copying = false;  // DeviceInfo::sorts_by_copying
-  unsigned compute_units = 1;     // of the device; CPUs divide a sort into a number of chunks per unit
+  unsigned compute_units = 1;     // DeviceInfo::compute_units; CPUs divide a sort into a few chunks per unit
 };
 
 enum class MemoryUnit { splat, pixel, intersection, view, fixed };

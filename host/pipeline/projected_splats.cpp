@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// This file contains the methods of Renderer for views of which one process projects the splats and another
-// process renders the image.
+// This file contains the methods of Renderer for views whose splats are projected by one process and whose
+// image is rendered by another process.
 #include <algorithm>
 #include <array>
 

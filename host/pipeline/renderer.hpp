@@ -89,7 +89,8 @@ class Renderer {
 
   // Renders one view into image(). With for_backward it keeps the data that backward() needs. Waits until the
   // intersections are counted. Without for_backward, all operations of the view are enqueued on a GPU before
-  // this wait. If the capacity of the lists turns out to be too small, the view is rendered a second time.
+  // this wait, if earlier views have allocated the lists. If the capacity of these lists turns out to be too
+  // small, the view is rendered a second time.
   ListTotals forward(const SplatView& splats, std::uint32_t camera, const RenderSettings& settings,
                      bool for_backward);
   // This overload renders several groups. Splats are numbered consecutively in the order of the groups.
@@ -112,11 +113,11 @@ class Renderer {
   // splats, v_records(). backward_from_records() computes the gradient of the parameters from v_records().
   void backward_to_records();
   void backward_from_records(std::span<const BufferView<float>> v_params, bool accumulate);
-  // The next five functions are for views of which one process projects the splats and another process
-  // renders the image (shared_renderer.hpp).
-  // In the process that projects, project_only() computes the records of the visible splats, waits, and
-  // returns their number. Later, when the same rows contain the gradients of the records, take_gradient()
-  // copies them to v_records(). Then the caller must call backward_from_records() or learn().
+  // The next five functions are for views whose splats are projected by one process and whose image is
+  // rendered by another process (shared_renderer.hpp). In the process that projects, project_only() computes
+  // the records of the visible splats, waits, and returns their number. Later, when the same rows contain the
+  // gradients of the records, take_gradient() copies them to v_records(). Then the caller must call
+  // backward_from_records() or learn().
   std::uint32_t project_only(const SplatView& splats, std::uint32_t camera, const RenderSettings& settings,
                              DrawnSplats& drawn);
   void take_gradient(const SplatView& splats, std::uint32_t camera, const RenderSettings& settings,

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // SlotStore holds the gradient slots of a view, one per (tile, splat) pair. It uses a single buffer if the
-// device can allocate one of this size, and otherwise several buffers of 2^bits slots.
+// device can allocate one of this size. Otherwise it uses several buffers, whose number of slots is a power
+// of two; only the last buffer may be smaller.
 #pragma once
 
 #include <vector>
@@ -19,9 +20,9 @@ class SlotStore {
   static std::uint64_t most(const DeviceInfo& device, unsigned floats);
 
   // Ensures that the store has at least this number of slots. When it grows, its contents are lost. It then
-  // grows by at least half of its size if there is enough memory, so that slowly increasing requests do not
-  // cause an allocation each time. Throws Error(memory) with the numbers if there is not enough memory for
-  // the requested number of slots.
+  // grows by at least half of its size, so that slowly increasing requests do not cause an allocation each
+  // time. It grows by less if there is not enough memory, or if it would otherwise need more than one buffer.
+  // Throws Error(memory) with the numbers if there is not enough memory for the requested number of slots.
   void reserve(std::uint64_t slots);
   std::uint64_t size() const { return size_; }  // number of slots
   SlotViews view() const;

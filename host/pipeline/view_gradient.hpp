@@ -18,7 +18,8 @@ struct ViewLoss {
 struct ViewGradient : ViewLoss {
   SplatModel values;  // contains, in place of each parameter, the derivative of the loss with respect to it
 };
-// The gradient of a model with several groups, and the gradient of the camera if it was requested.
+// MixedViewGradient contains the gradient of a model with several groups, and the gradient of the camera if
+// it was requested.
 struct MixedViewGradient : ViewLoss {
   MixedModel values;
   CameraGradient camera;

@@ -18,7 +18,7 @@ struct Camera {
   double cx = 0, cy = 0;  // principal point [px]; the centre of pixel (0,0) is (0.5, 0.5)
   int width = 0, height = 0;
   double time = 0;            // normalised to the times of the training images (method.md 4.6)
-  std::vector<double> extra;  // further query values after time, for N > 7
+  std::vector<double> extra;  // further query values after time, for N = 5 and N > 7
 
   bool operator==(const Camera&) const = default;
 

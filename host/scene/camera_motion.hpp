@@ -42,7 +42,8 @@ std::vector<Camera> moved_together(std::span<const Camera> given, std::span<cons
 // If the scene and all cameras are rotated, translated and scaled together, no image changes. This common
 // transformation can therefore be chosen freely. hold_gauge() transforms all cameras so that their mean
 // rotation relative to the given cameras is 0. The mean of their centres, and the mean squared distance of
-// the centres from this mean, are then the same as for the given cameras.
+// the centres from this mean, are then the same as for the given cameras. If the cameras have the same
+// position, their distances are not scaled.
 void hold_gauge(std::vector<Camera>& cameras, std::span<const Camera> given);
 
 }  // namespace ubs

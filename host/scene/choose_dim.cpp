@@ -21,7 +21,8 @@ constexpr double kSameTime = 1e-9;
 constexpr double kParallelAxes = 1e-6;
 
 // Returns the largest angle between the directions from any two cameras to the point that is nearest to all
-// optical axes, in degrees. Returns 0 if all cameras have the same position.
+// optical axes, in degrees. Returns 0 if all cameras have the same position, and 180 if their optical axes
+// are parallel.
 double direction_spread(std::span<const View> views) {
   std::vector<Camera> cameras;
   for (const View& view : views) cameras.push_back(view.camera);

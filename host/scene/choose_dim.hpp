@@ -17,7 +17,8 @@ struct DimChoice {
 
 // Chooses the number of dimensions N from the cameras of the training views; images are not read. Time and
 // further query values are used if they differ between views. The direction is used if the scene is seen from
-// directions that differ by more than half a degree. Throws Error(data) if there are no views.
+// directions that differ by more than half a degree, or if more than two other query values are used. Throws
+// Error(data) if there are no views.
 DimChoice choose_dim(std::span<const View> train);
 
 }  // namespace ubs

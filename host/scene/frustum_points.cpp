@@ -10,7 +10,7 @@ namespace ubs {
 namespace {
 
 constexpr std::uint32_t kStream = 0x66727573;
-constexpr std::uint8_t kGrey = 127;  // colour without a pixel, as for random splats (method.md 1.3)
+constexpr std::uint8_t kGrey = 127;  // colour of points without a pixel and of random splats (method.md 1.3)
 
 // Gives each point the colour of the pixel through which its ray was sampled.
 void take_colours(PointCloud& cloud, std::span<const View> views, const CounterRandom& random) {

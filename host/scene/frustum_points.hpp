@@ -13,7 +13,8 @@
 
 namespace ubs {
 
-// The colour of the points: all grey, or the colour of the pixel at which a point was placed.
+// PointColours selects the colour of the points. With `pixels`, a point has the colour of the pixel at which
+// it was placed, or is grey if the view has no image or the pixel is masked.
 enum class PointColours { grey, pixels };
 
 // Returns `count` points. Each point is placed at a random pixel of a view, at a random depth between the

@@ -28,11 +28,11 @@ class ImagePool {
 
   // Adds an image and returns its index for get() and prefetch(). Does not decode it yet.
   std::size_t add(std::shared_ptr<const ImageSource> source);
-  // Returns an image. If a thread is decoding it, the call waits. If it is not being decoded, the call
-  // decodes it in this thread. Rethrows errors of decoding.
+  // Returns an image. If the image is not in memory, the call waits for the thread that is decoding it, or
+  // decodes it in the calling thread if no other thread is decoding it. Rethrows errors of decoding.
   std::shared_ptr<const Image8> get(std::size_t index);
-  // Requests an image that will be needed soon. Does nothing if the image is already in memory, or if too
-  // many images were prefetched and not yet fetched: more than eight, or more than fit into the budget.
+  // Requests an image that will be needed soon. Does nothing if the image is already in memory, or if enough
+  // images were prefetched and not yet fetched: eight, or as many as fit into the budget.
   void prefetch(std::size_t index);
 
   std::size_t peak_bytes() const;  // maximum of the memory in use so far

@@ -18,14 +18,15 @@ struct InitOptions {
   double box = 1.3;  // half the side of the cube, around `centre`, that random points fill
   std::array<double, 3> centre{0, 0, 0};
   double opacity = 0.5;
-  std::optional<double> beta_dir;  // raw betas of the direction; if empty: -3 for N = 7, otherwise 0
+  // Raw betas of the direction. If empty: -3 for N = 7, unless the variant learns its weights, otherwise 0.
+  std::optional<double> beta_dir;
   double beta_query = 0;           // raw betas of the other query dimensions
   ModelVariant variant;
   // The initial standard deviation of a Gaussian is the distance of its neighbours divided by this ratio.
   // 3.08 is the ratio of support radius to standard deviation for the Gaussian that is closest to (1 - r)^4
   // (method.md 2.7). With a ratio of 1, as in 3DGS, the initial splats overlap so much that they hide each
-  // other. A training on lego_200 with this ratio, 30 000 random points and the learning rates of the Beta
-  // kernel reached only 9.8 dB.
+  // other. A training on lego_200 with a ratio of 1, with 30 000 random points and the learning rates of the
+  // Beta kernel, reached only 9.8 dB.
   double gaussian_ratio = 3.08;
 };
 

@@ -87,7 +87,7 @@ std::string_view learnt_word(Background::Learnt learnt) {
   return learnt == Background::Learnt::colour ? "learn" : "sky";
 }
 
-// Parses "white", "black", "gray" (0.5), "#fff" and "#ffffff" into numbers from 0 to 1.
+// Parses "white", "black", "gray" or "grey" (0.5), "#rgb" and "#rrggbb" into numbers from 0 to 1.
 std::optional<std::array<double, 3>> parse_colour(std::string_view text) {
   if (text == "white") return {{1, 1, 1}};
   if (text == "black") return {{0, 0, 0}};

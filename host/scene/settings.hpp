@@ -40,8 +40,8 @@ std::string set_field(FieldValues fields, std::string_view assignment, std::stri
 
 // Reads a YAML file with a flat mapping of keys to values, sets these fields, and returns the keys. Lists of
 // numbers, such as colours, can be written as [r, g, b] or "r,g,b". An empty file sets nothing. Throws
-// Error(data) if the file cannot be read, is malformed, or contains a value that is not allowed. The message
-// contains file, line and column.
+// Error(data) if the file cannot be read, is malformed, or contains an unknown key or a value that is not
+// allowed. The message contains file, line and column.
 std::vector<std::string> load_yaml(FieldValues fields, const std::filesystem::path& path);
 
 // to_yaml() returns all fields as YAML, with their help texts as comments. load_yaml() restores every value

@@ -26,7 +26,8 @@ struct Slice {
 // conditioning, otherwise 0. `parameters` has the rows of the published variant with this conditioning.
 template <int dim, int direct>
 Slice slice_at(const double* parameters, const QueryValues& query);
-// Returns the logarithm of the opacity factor of the splat (method.md 2.4) for the residual y = Lh^-1 x.
+// Returns the logarithm of the opacity factor of the splat (method.md 2.4) for the residual y of the query.
+// It is Lh^-1 x with covariance conditioning, and L^T x with direct conditioning.
 template <int dim, int direct>
 double log_factor_at(const double* parameters, const QueryValues& residual);
 #define UBS_DECLARE(n, direct)                                                   \

@@ -19,7 +19,8 @@ double inverse_softplus_of(double y);
 
 struct SpatialFactor {
   Matrix3 m{};
-  std::array<double, 3> scale{};  // as in the kernels: not below a small fraction of the largest scale
+  // Scales after the clamp of the kernels: each is at least a small fraction of the largest scale.
+  std::array<double, 3> scale{};
 };
 
 // Returns the first three columns of M. M has more columns only if cov_param is skew_nd and N > 3.

@@ -28,8 +28,8 @@ class Scene {
   virtual bool dynamic() const { return false; }
   virtual double focus_height() const { return 0; }  // the cameras look at (0, 0, focus_height)
   // Returns the light along a ray. `u`, `v` in [0,1) are the position of the ray within its pixel. Scenes
-  // that also integrate over something else, such as an area light, use `u` and `v` to choose a point of it.
-  // All pixels use the same values of `u` and `v`, so the image has no noise.
+  // that also integrate over something else, such as an area light, use `u` and `v` to choose a point of the
+  // light. All pixels use the same values of `u` and `v`, so the image has no noise.
   virtual Sample trace(const Ray& ray, double time, double u, double v) const = 0;
 };
 

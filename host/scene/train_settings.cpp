@@ -15,11 +15,11 @@ namespace {
 
 using S = TrainSettings;
 
-constexpr int kMaxSplats = 100'000'000;     // far more than any device can hold; catches typing errors
+constexpr int kMaxSplats = 100'000'000;     // far more than useful models have; catches typing errors
 constexpr double kMinDecayingRate = 1e-30;  // the decay cannot reach 0; a rate this small has no effect
 constexpr int kMaxIterations = 10'000'000;  // also catches typing errors
 constexpr int kMaxPyramidFactor = 64;
-constexpr double kMinLength = 1e-20, kMaxLength = 1e30;  // their squares are finite in single precision
+constexpr double kMinLength = 1e-20, kMaxLength = 1e30;  // both are in the range of single precision
 constexpr double kMinAlphaMin = 1e-6;  // kernels/math/reach.h does not support smaller values
 
 template <auto Switch>
@@ -74,7 +74,9 @@ const Field<S> kFields[] = {
      "unit of length during training, measured in units of the data; auto: the median depth of the scene; "
      "1: train in the unit of the data, as published",
      &S::unit, kMinLength, kMaxLength, true},
-    {"beta_dir_init", "initial raw betas of the view direction; auto: -3 for N = 7, 0 for other N",
+    {"beta_dir_init",
+     "initial raw betas of the view direction; auto: -3 for N = 7, 0 for other N and for learnt weights of "
+     "direct conditioning",
      &S::beta_dir_init, -20, 20, true},
     {"beta_query_init", "initial raw betas of time and further query values", &S::beta_query_init, -20, 20},
     used(kSetFirst, {"seed", "seed of all random choices", &S::seed, 0}),
@@ -88,7 +90,7 @@ const Field<S> kFields[] = {
      "parameters of the covariance factor: a spatial rotation and correlations (spatial_ortho), a lower "
      "triangular matrix (cholesky), or a skew-symmetric N x N matrix (skew_nd)",
      &form<&ModelVariant::cov_param>, -1, 1, false, variant_values("cov_param")},
-    {"beta_cond", "whether betas below 1 weaken the conditioning on the query (on) or not (off)",
+    {"beta_cond", "whether betas below 4 weaken the conditioning on the query (on) or not (off)",
      &form<&ModelVariant::beta_cond>, -1, 1, false, variant_values("beta_cond")},
     {"beta_opacity",
      "factor of the opacity at a query: (1 - tanh)^beta, 1 (none), or exp(-0.35 y.y) (gaussian)",

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// TrainSettings holds all settings of a training run. The defaults are the published values (method.md 1.3,
-// 4, 6), except for settings that are `auto`. Command line options, YAML keys, --set and the resolved
-// configuration are all generated from the table of fields (train_fields).
+// TrainSettings holds all settings of a training run. If a setting has a published value (method.md 1.3, 4,
+// 6), its default is this value or `auto`. The only exception is scale_penalty. Command line options, YAML
+// keys, --set and the resolved configuration are all generated from the table of fields (train_fields).
 #pragma once
 
 #include <cstdint>
@@ -54,13 +54,14 @@ struct ReadSettings {
 struct TrainSettings : ReadSettings {
   // Model
   int dim = 6;  // 3, 4 (with time), 6 (with direction), 7 (with both), ..., 11, or kAutoInt
-  // Number of random initial splats if the data contain no points; auto: depends on the size of the images.
+  // Number of random initial splats if the data contain no points. auto: points are triangulated from the
+  // images; if that fails, the number depends on the size of the images.
   int init_points = kAutoInt;
   // Random initial splats are in [-init_extent, init_extent]^3; auto: in the space that the cameras see.
   double init_extent = kAuto;
   int cap_max = 300000;          // maximum number of splats, also of initial ones
   int find_points = 75000;       // number of initial points to triangulate from the images; 0: none
-  double beta_dir_init = kAuto;  // initial raw betas of the direction; auto: -3 for N = 7, otherwise 0
+  double beta_dir_init = kAuto;  // initial raw betas of the direction; auto: see InitOptions::beta_dir
   double beta_query_init = 0;    // initial raw betas of time and further query values
   double unit = kAuto;           // unit of length in training, in units of the data (scene_unit.hpp)
   std::uint64_t seed = 42;
@@ -111,7 +112,7 @@ struct TrainSettings : ReadSettings {
   // Rendering
   double eps2d = 0.3;
   double near_plane = kAuto, far_plane = kAuto;  // auto: see planes_of()
-  std::string raster = "auto";                   // rasteriser: cpu, gpu or auto (by type of device)
+  std::string raster = "auto";                   // rasteriser: cpu, gpu or auto (by width of vectors)
   // Folder of a run whose refined cameras are used to render the views of its data. This member is not in the
   // table of fields.
   std::string run_cameras;
@@ -178,8 +179,9 @@ struct SharePoint {
 // Returns the point up to which a run proceeds from `from` towards the next point `to` at a constant pace.
 // This is `to`, or the point after the iteration to.left_at if the run changes its pace there.
 SharePoint reached(const SharePoint& from, const SharePoint& to);
-// Parses work_shares. Throws Error(usage) if the text is malformed, if a share exceeds 1, or if iterations or
-// shares do not increase.
+// Parses work_shares. Throws Error(usage) if the text is malformed, if a share exceeds 1, if iterations or
+// shares do not increase, or if the last point does not match settings.iterations. Only after a share of 1, a
+// smaller share may follow: the finished run was then continued.
 std::vector<SharePoint> share_points(const TrainSettings& settings);
 // Returns the points as a text for work_shares.
 std::string to_string(const std::vector<SharePoint>& points);

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// YamlReader reads a flat YAML file of settings. Every error is an Error(data) whose message contains file,
-// line and column. Unknown or repeated keys are errors. load_yaml() of settings.hpp reads a file with a
-// single call.
+// YamlReader reads a flat YAML file of settings. Every error is an Error(data) whose message contains the
+// file and, if it concerns a part of the file, line and column. Unknown or repeated keys are errors.
+// load_yaml() of settings.hpp reads a file with a single call.
 #pragma once
 
 #include <yaml-cpp/yaml.h>

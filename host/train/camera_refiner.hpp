@@ -31,8 +31,8 @@ class CameraRefiner {
   // lens is not refined, because it is not the lens of the photograph. `done` is the share of all sweeps that
   // have already taken place.
   void sweep(const Drawing& drawing, int factor, double done);
-  // Returns the estimated time of a sweep in seconds. The function measures the step of one camera, without
-  // changing this camera, and derives the time of all cameras from it.
+  // Returns the estimated time of a sweep in seconds. The function measures the step for the first image,
+  // without changing its cameras, and derives the time of all cameras from it.
   double sweep_seconds(const Drawing& drawing, int factor) const;
 
   // Returns 17 numbers per view: rotation, translation, fx, fy, cx, cy and the depth of the pivot.
@@ -52,7 +52,9 @@ class CameraRefiner {
   std::vector<Camera> given_, cameras_;
   std::vector<std::vector<std::uint32_t>> images_;  // the views of each image
   std::vector<double> depth_;
-  std::vector<std::size_t> lens_;  // for each view, the first view that had the same lens in the data
+  // For each view, the first view that had the same lens in the data; for a view of a wide image, the view
+  // itself.
+  std::vector<std::size_t> lens_;
 };
 
 // Returns the median depth of the splats in the image of the camera, or 1 if there are none.

@@ -48,8 +48,8 @@ void write_checkpoint(const std::filesystem::path& path, const Checkpoint& check
 // version, is truncated or is damaged.
 Checkpoint read_checkpoint(const std::filesystem::path& path);
 
-// Returns a CRC-32 of the names, cameras and image sizes of all views, and of the pixels of the first, the
-// middle and the last image.
+// Returns a CRC-32 of the names, cameras and image sizes of all views, and of the pixels and masks of the
+// first, the middle and the last image.
 std::uint32_t fingerprint(const Split& split);
 
 // Throws Error(usage) with the name of the first setting that must not differ but does. Settings with

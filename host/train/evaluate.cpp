@@ -64,7 +64,8 @@ void measure_more(Device& device, ImageMetrics& more, const Compared& compared, 
   view.lpips = more.lpips(drawn, truth);
 }
 
-// Throws an error if a sum of Stages::image_loss is not finite.
+// Throws an error if one of the first five sums of Stages::image_loss is not finite. These are the L1 error,
+// SSIM, and the squared errors of the three channels.
 void check_finite(std::span<const float, 8> sums, const std::string& view) {
   for (const float value : sums.first<5>())
     if (!std::isfinite(value))

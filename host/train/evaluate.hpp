@@ -19,7 +19,7 @@
 
 namespace ubs {
 
-// Metrics of a render after something was fitted to the photograph: see ViewMetrics.
+// Metrics of a render after its colours or its camera pose were fitted to the photograph: see ViewMetrics.
 struct FittedMetrics {
   double psnr_channel_mean = 0, psnr = 0, ssim = 0;
 };
@@ -44,7 +44,8 @@ struct ViewMetrics {
 struct Metrics {
   std::vector<ViewMetrics> views;
   std::vector<ViewMetrics> wide_images;  // whole wide images: see measure_wide_images()
-  // Mean over all images. Views that show a part of one of `wide_images` are not included; the wide image is.
+  // Mean over all images. A view that shows a part of one of `wide_images` is not included, because the wide
+  // image is included instead.
   ViewMetrics mean;
 };
 
@@ -53,11 +54,11 @@ ViewMetrics view_metrics(const std::string& name, std::span<const float, 8> sums
 // Computes metrics.mean. Its ssim_valid is only present if every image has one.
 void add_mean(Metrics& metrics);
 
-// Renders and measures every view. `first_camera` is the index of the first view among the renderer's
-// cameras. If `more` is not null, its metrics are measured too. This waits for the device once per view, and
-// the networks of LPIPS take far longer than rendering. If `fit` is not `none`, the function also fits a
-// colour map of this kind for each view, which makes the render as similar as possible to the photograph, and
-// measures the mapped render too.
+// Renders and measures every view. `first_camera` is the index of the first view among the renderer's cameras
+// and in `targets`. If `more` is not null, its metrics are measured too. In this case the function waits for
+// the device once per view, and the networks of LPIPS take far longer than rendering. If `fit` is not `none`,
+// the function also fits a colour map of this kind for each view, which makes the render as similar as
+// possible to the photograph, and measures the mapped render too.
 Metrics evaluate(Device& device, Stages& stages, Renderer& renderer, std::span<const RenderGroup> groups,
                  const RenderSettings& settings, const std::vector<View>& views, TargetImages& targets,
                  std::uint32_t first_camera, ImageMetrics* more = nullptr, Appearance fit = Appearance::none,
@@ -69,7 +70,8 @@ Metrics evaluate(Device& device, Stages& stages, Renderer& renderer, const Splat
 // Measures the wide images of which `views` show parts. For each of them, it renders the pinhole images that
 // WideImage::compose() needs, composes an image with the wide lens, and compares this with the image file.
 // Returns the metrics of the images in the order of their first occurrence. If an image is too large, the
-// function prints a warning and skips the image. `more` and `fit` have the same meaning as in evaluate().
+// function prints a warning and skips the image. Images in which all pixels are masked are skipped too.
+// `more` and `fit` have the same meaning as in evaluate().
 //
 // `draw` renders the pinhole images. With several ranks, all ranks call it the same number of times, and only
 // its result on the first rank is used. The function returns an empty result on the other ranks.

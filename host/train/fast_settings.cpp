@@ -14,7 +14,8 @@ namespace {
 
 // A refinement takes as long as an Adam step and resets the moments of the splats that it moves. Therefore
 // fast runs refine every 100 iterations, as published, and do not scale this interval with the length of the
-// run (docs/results/2026-11-21-quality-per-second.md). Runs of fewer than 1000 iterations refine ten times.
+// run (docs/results/2026-11-21-quality-per-second.md). In runs of fewer than 1000 iterations, the interval is
+// the number of iterations divided by kMinRefinements.
 constexpr int kRefineEvery = 100, kMinRefinements = 10;
 constexpr double kGrownAt = 0.5;  // share of the run by which growth reaches the maximum number of splats
 // Randomly placed splats have to move to the surfaces of the scene, over a distance that does not depend on
@@ -22,8 +23,9 @@ constexpr double kGrownAt = 0.5;  // share of the run by which growth reaches th
 // iterations. kFarTravel is about the published rate times 30 000 iterations. The rate is at most kFastest,
 // because higher rates destroy structure that the model already has.
 constexpr double kFarTravel = 5, kFastest = 3e-3;
-// Maximum number of splats per iteration of the run. Splats from initial points are better than splats that
-// growth adds, so the limit is higher for a run with many initial points.
+// The maximum number of splats is kSplatsAnIteration times the number of iterations of the run, but at least
+// kMinSplats. Splats from initial points are better than splats that growth adds, so the maximum is increased
+// to the number of initial points, up to kPointsAnIteration times the number of iterations.
 constexpr int kSplatsAnIteration = 12, kPointsAnIteration = 40, kMinSplats = 10000;
 
 // fast_settings() has the values for runs of at most kShortRun iterations. In longer runs, learning rates and
@@ -31,8 +33,9 @@ constexpr int kSplatsAnIteration = 12, kPointsAnIteration = 40, kMinSplats = 100
 // (docs/results/2026-11-22-long-schedules.md).
 constexpr int kShortRun = 2000;
 constexpr double kPyramidPower = 0.5;
-// Image pyramids for large images, and for runs that use each image only a few times. Both use images of full
-// size only at the end (docs/results/2026-11-29-image-size.md).
+// Image pyramids for images of more than kLargePixels pixels, and for runs that use each image fewer than
+// kFewUses times on average. In runs of at most kShortRun iterations, both use images of full size only in
+// the last 5 % of the work (docs/results/2026-11-29-image-size.md).
 constexpr double kLargePixels = 1e6;
 constexpr int kFewUses = 4;
 constexpr const char *kPyramidOfLarge = "4:0.5,2:0.95", *kPyramidOfFewUses = "4:0.7,2:0.95";
@@ -41,8 +44,8 @@ constexpr double kMovingCooldown = 0.6;
 // opacity_reg of runs with few images (docs/results/2026-11-25-few-photographs.md), and of runs with random
 // background colours (docs/results/2026-11-28-opaque.md).
 constexpr double kFewOpacityReg = 0.02, kOpaqueOpacityReg = 0;
-// Exponent of the decrease of beta_dir_init. It is only used for photographs of static scenes with initial
-// points.
+// Exponent of the decrease of beta_dir_init. It is only used for static scenes that have initial points and
+// no plain background.
 constexpr double kDirectionPower = 1.2;
 // A learning rate that is multiplied by (iterations / kShortRun)^-power in runs longer than kShortRun.
 struct FallingRate {

@@ -31,14 +31,16 @@ struct PictureFacts {
 };
 
 // Returns the settings of a run of `iterations` iterations. `initial` is the number of initial points; 0
-// means that the initial splats are placed at random. The function sets the learning rates, the maximum
-// number of splats, the image pyramid, the refinement interval and the growth. It does not change settings
-// that the user has chosen: those whose value differs from the default, and those in TrainSettings::chosen.
+// means that the initial splats are placed at random. The function sets the learning rates, the opacity
+// penalty, the initial and the maximum number of splats, the image pyramid, the refinement interval and the
+// growth. It does not change settings that the user has chosen: those whose value differs from the default,
+// and those in TrainSettings::chosen.
 TrainSettings fast_settings_for(const TrainSettings& settings, int iterations, std::size_t initial,
                                 const PictureFacts& pictures = {});
 // Returns the number of splats at the start of a run with these settings and `initial` initial points.
 std::size_t first_splats(const TrainSettings& settings, std::size_t initial);
-// Returns the number of splats at the end of a run of `iterations` iterations, unless cap_max is smaller.
+// Returns the maximum number of splats that suits a run of `iterations` iterations with `initial` initial
+// points. fast_settings_for() reduces cap_max to this number.
 int fast_run_splats(int iterations, std::size_t initial);
 
 }  // namespace ubs

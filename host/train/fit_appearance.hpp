@@ -20,7 +20,8 @@ struct PhotographPixels {
 
 // Returns the twelve numbers of the colour map in kernels/math/appearance.h that minimise the squared error
 // between the mapped render, which is not clamped, and the photograph. A small regularisation (1e-6 per
-// pixel) keeps numbers that the pixels do not determine at their neutral values.
+// pixel) keeps numbers that the pixels do not determine at their neutral values. If `fit` is
+// Appearance::gain, only the three gains are fitted, and the other nine numbers are 0.
 std::vector<float> fit_appearance(const RenderedView& render, const PhotographPixels& photograph,
                                   Appearance fit);
 

@@ -15,10 +15,12 @@ namespace {
 // such a distance.
 constexpr double kStepPixels = 0.25;
 constexpr double kSettledPixels = 5e-3;  // the fit ends when a step moves the image by less [px]
-constexpr double kMaxStep = 0.03;        // [rad]; longer steps diverge while the model is nearly transparent
-constexpr int kFittingSteps = 20;        // maximum number of steps for each size of the image
+// Maximum of each number of a step (CameraMove, roughly in radians). Longer steps diverge while the model is
+// nearly transparent.
+constexpr double kMaxStep = 0.03;
+constexpr int kFittingSteps = 20;  // maximum number of steps for each size of the image
 // The search compares shifts by up to this number of pixels of the reduced image, in both directions of each
-// axis. Without it, the steps may end in a local minimum near the first pose.
+// axis. Without this search, the steps that follow may end in a local minimum near the first pose.
 constexpr int kSearched = 3;
 // Damping of the Levenberg-Marquardt steps, relative to the diagonal of the matrix.
 constexpr double kFirstDamping = 1e-3, kMinDamping = 1e-6, kMaxDamping = 1e4;

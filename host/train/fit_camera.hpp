@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // fit_camera() finds the camera pose for which the render of a fixed model has the smallest squared
-// difference from a photograph. It uses Gauss-Newton steps with finite differences of rendered images
-// (method.md 4.10). The views of a wide image have one position and fixed angles between them, so one pose is
-// fitted to all of them together.
+// difference from a photograph. It uses damped Gauss-Newton steps (Levenberg-Marquardt) with finite
+// differences of rendered images (method.md 4.10). The views of a wide image have one position and fixed
+// angles between them, so one pose is fitted to all of them together.
 #pragma once
 
 #include <array>
@@ -34,12 +34,13 @@ struct NormalEquations {
 // contains NaN or infinite values if the matrix is singular.
 CameraMove solve_normal(NormalEquations equations, std::size_t moves);
 
-// PoseHold describes additional terms that limit the change of a pose.
+// PoseHold changes the steps of PoseFit::descend(): `ridge` and `prior` limit them, and `stretch` lengthens
+// them. With the default values, nothing is changed.
 struct PoseHold {
   // The largest diagonal entry of J^T J, multiplied by `ridge`, is added to the diagonal. This shortens moves
   // that hardly change the image.
   double ridge = 0;
-  double stretch = 1;  // factor by which steps are lengthened
+  double stretch = 1;  // factor by which each step is multiplied
   const Camera* given = nullptr;
   // If `given` is not null, the squared length of the move from the pose to `given` is added to the squared
   // error. Its weight is `prior` times the largest diagonal entry of J^T J.
@@ -64,7 +65,7 @@ std::vector<Camera> cameras_of_parts(const Camera& first, std::span<const Part> 
 // by `factor`.
 class PoseFit {
  public:
-  // `depth` is the distance of the pivot from the camera.
+  // `depth` is the distance of the pivot of the moves (host/scene/camera_motion.hpp) from the camera.
   PoseFit(const Drawing& drawing, std::span<const Part> parts, int factor, double depth);
 
   // Returns the matrix J^T J and the right side -J^T r for the residuals r, where J is the derivative of r
@@ -105,8 +106,9 @@ struct FittedCamera {
   CameraDeviation deviation;
 };
 
-// Fits the pose of the first part, starting from its camera, first on reduced images and then on the full
-// images. If `fits` is false, it keeps the pose and only computes its deviation.
+// Fits the pose of the first part, starting from its camera, first on reduced images, if they are not too
+// small, and then on the full images. If `fits` is false, the function keeps the pose and only computes its
+// deviation.
 FittedCamera fit_camera(const Drawing& drawing, std::span<const Part> parts, double depth, bool fits = true);
 
 }  // namespace ubs

@@ -121,8 +121,8 @@ TrainState Guard::answer(const NonFiniteEvent& event, TrainState s, TrainingView
   const auto most = std::max<std::uint64_t>(
       kFewDropped, static_cast<std::uint64_t>(kMaxDroppedShare * static_cast<double>(s.model.count)));
   if (const std::uint64_t all = s.dropped + event.splats.size(); all > most)
-    stop(fmt::format("stopped: {} splats would have been dropped in this run, but at most {} may be", all,
-                     most));
+    stop(fmt::format("stopped: {} splats would have been dropped in this run, but at most {} are allowed",
+                     all, most));
   go_on(fmt::format("dropped {} splats", event.splats.size()));
   kill_splats(s, event.splats);
   for (std::uint64_t draw = first; draw < end; ++draw)  // the losses of these draws may not be finite either

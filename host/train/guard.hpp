@@ -69,7 +69,7 @@ class Guard {
   void restart(const TrainState& state);
   // Returns the state from which training continues. `state` is the state in which the event was found.
   // Throws Error(numerical) if training must stop. The text of the error or of the report contains the
-  // iteration, the stage, the view and the first splat.
+  // iteration, the stage and, if they are known, the view and the first splat.
   TrainState answer(const NonFiniteEvent& event, TrainState state, TrainingViews& views);
 
  private:
@@ -81,7 +81,7 @@ class Guard {
   int looked_ = 0;                  // iteration of the last call of look()
   bool left_out_ = false;           // whether the last iteration had no gradient
   std::array<std::uint64_t, kLookEvery + 1> adam_steps_{};  // indexed by iteration modulo the size
-  std::optional<TrainState> good_;
+  std::optional<TrainState> good_;  // state to which a rollback returns
   std::function<void(const std::string&)> report_;
 };
 

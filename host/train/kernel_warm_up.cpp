@@ -17,7 +17,7 @@
 namespace ubs {
 namespace {
 
-constexpr std::size_t kFewSplats = 4096;  // maximum number of splats of the warm-up
+constexpr std::size_t kFewSplats = 4096;  // maximum number of splats in the warm-up of each view
 // Models with at least this number of splats use other kernels for sorting (host/opencl/lists.cpp).
 constexpr std::size_t kManySplats = std::size_t{1} << 20;
 

@@ -43,11 +43,13 @@ class KernelWarmUp {
 
 // Returns a model with `target` splats, which are copies of the splats of `model`. The copies are like those
 // of relocation and growth (docs/method.md 4.3): their opacities are reduced, so that all copies of a splat
-// together transmit as much light as the original splat.
+// together transmit as much light as the original splat. If `target` is smaller than the number of splats of
+// `model`, the result only contains the first splats, and their opacities are increased accordingly.
 SplatModel copies(const SplatModel& model, std::size_t target);
 
-// Returns the seconds that one view and its gradient take on this device. The result is only used to compare
-// devices, so a model with at most 200 000 splats is measured.
+// Returns the seconds that KernelWarmUp::learn() takes on this device with the first view of `train`. This is
+// the minimum of several measurements. The result is only used to compare devices, so at most 200 000 splats
+// are measured.
 double view_seconds(Device& device, const TrainSettings& settings, const Split& train,
                     const SplatModel& model);
 

@@ -11,7 +11,8 @@ namespace {
 
 constexpr int kEndless = 1'000'000;           // iterations of a run that never reaches its end
 constexpr int kMinSteps = 3, kMaxSteps = 20;  // number of measured steps per level, after one warm-up step
-constexpr double kEnoughSeconds = 0.03;       // measuring a level ends after this time
+// Measuring a level ends after this time, if at least kMinSteps have been measured.
+constexpr double kEnoughSeconds = 0.03;
 
 }  // namespace
 

@@ -21,12 +21,14 @@ TrainSettings measuring_settings(TrainSettings settings, std::size_t most);
 // measuring_settings().
 std::vector<double> step_times(Trainer& trainer, const Split& train, TrainState state);
 
-// Returns the costs of a step on each level of the image pyramid. They are measured twice: with the splats of
-// `initial`, and with `most` splats, which are copies of them.
+// Returns the costs of a step on each level of the image pyramid. The costs are computed from two
+// measurements: one with the splats of `initial`, and one with `most` splats, which are copies of these
+// splats. If `most` is not larger than the number of initial splats, only the first measurement is made.
 std::vector<StepCost> measure_steps(Device& device, const TrainSettings& settings, const Split& train,
                                     const SplatModel& initial, std::size_t most);
 
-// Returns the state of a run that starts with these splats.
+// Returns the current state of `trainer` with the splats of `model` instead of its own. All moments and loss
+// sums are 0.
 TrainState first_state(const Trainer& trainer, SplatModel model, const TrainSettings& settings);
 
 }  // namespace ubs

@@ -17,12 +17,12 @@ struct NonFiniteSource {
   // the iteration, "adam" that everything is finite up to the gradients, and "unknown" that the passes could
   // not be repeated.
   std::string_view stage;
-  std::int64_t view = -1;  // index of the training view; -1: unknown
+  std::int64_t view = -1;  // index of the training view; -1: unknown, or several views
 };
 
-// `state` is the state after the iteration. The Adam step of this iteration has not changed the splats whose
-// new values would not be finite, so the same values occur again. The other splats have been changed by one
-// step. The views must have the same size as in the iteration.
+// `state` is the state after the iteration. The Adam step of this iteration has not changed the parameters
+// whose new values would not be finite, so such values usually occur again when the passes are repeated. The
+// other parameters have been changed by one step. The views must have the same size as in the iteration.
 NonFiniteSource find_nonfinite_source(Device& device, Stages& stages, TrainingViews& views,
                                       const RenderSettings& settings, const TrainState& state);
 

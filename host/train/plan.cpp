@@ -22,7 +22,7 @@ namespace ubs {
 namespace {
 
 constexpr double kViewSeconds = 1;  // maximum time for counting intersections
-constexpr std::size_t kMinViews = 8, kMaxViews = 256;
+constexpr std::size_t kMinViews = 8, kMaxViews = 256;  // limits of the number of counted views
 constexpr std::size_t kEndViews = 3;  // number of views that are rendered at the final number of splats
 // Maximum number of splats that are measured. Each splat takes about 420 bytes of host memory during the
 // measurement.
@@ -150,8 +150,8 @@ std::vector<StageUse> record_drawing(Device& device, const DeviceGroups& model, 
   return log.uses();
 }
 
-// Measures the intersections and the step times at the end of the run, with copies of the initial splats up
-// to the final number of splats.
+// Measures the intersections and the step times for the number of splats at the end of the run. The measured
+// model consists of copies of the initial splats.
 void measure_end(Trainer& trainer, const TrainSettings& measuring, const Split& train,
                  const SplatModel& initial, const std::vector<std::uint32_t>& views,
                  const std::vector<std::uint64_t>& first_views, RunPlan& plan) {

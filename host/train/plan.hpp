@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // RunPlan is the estimate of what a run requires: its memory, its kernels, the time of a step, and the number
 // of intersections (pairs of a tile and a splat). The memory is computed from the sizes of all buffers
-// (host/pipeline/memory_plan.hpp). The intersections and the time are measured with the initial model and
-// with copies of it that have the final number of splats.
+// (host/pipeline/memory_plan.hpp). The intersections and the time are measured twice: with the initial model,
+// and with a model that has the final number of splats, which are copies of the initial splats.
 #pragma once
 
 #include <cstdint>
@@ -22,9 +22,9 @@ namespace ubs {
 // PlanPoint holds the measurements for one number of splats.
 struct PlanPoint {
   std::uint32_t splats = 0;
-  double mean_intersections = 0;         // per view
+  double mean_intersections = 0;         // mean over the measured views
   std::uint64_t most_intersections = 0;  // maximum over the measured views
-  double step_ms = 0;                    // of an iteration, or of rendering a view
+  double step_ms = 0;                    // time of an iteration, or of rendering a view
   bool measured = false;                 // false: extrapolated from another point
 };
 
@@ -36,7 +36,7 @@ struct PlanLevel {
   double start_ms = 0, end_ms = 0;
 };
 
-// StageUse is the use of one operation in a training step or in rendering a view.
+// StageUse describes how one operation was executed in a training step, or when a view was rendered.
 struct StageUse {
   std::string stage;                 // operation of host/device/stages.hpp
   std::vector<std::string> kernels;  // kernels of the device, sorted by name
@@ -47,11 +47,11 @@ struct RunPlan {
   PlanPoint start, end;            // first and last iteration, with images of full size
   std::vector<PlanLevel> levels;   // only for a training, which has at least one level
   std::size_t views_measured = 0;  // number of views whose intersections were counted
-  int iterations = 0;              // of the training; 0 for rendering
+  int iterations = 0;              // number of iterations of the training; 0 for rendering
   double step_ms = 0;              // only for a training: estimated mean over all iterations
   // Estimated time of all iterations of a training, or of rendering all views once.
   double seconds = 0;
-  MemoryPlan memory;                    // at the end of the run
+  MemoryPlan memory;                    // memory at the end of the run
   std::uint64_t intersection_room = 0;  // capacity of the list buffers at the end of the run
   std::vector<StageUse> stages;
   std::vector<ProgramUse> programs;

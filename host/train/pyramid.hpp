@@ -12,7 +12,7 @@
 namespace ubs {
 
 struct PyramidLevel {
-  int factor = 1;    // by which width and height of the training images are divided
+  int factor = 1;    // the width and the height of the training images are divided by this factor
   double until = 0;  // share of the work at which the level ends
   bool operator==(const PyramidLevel&) const = default;
 };

@@ -32,8 +32,9 @@ constexpr double kDrawnBytes = 3 * kRecordBytes + 20;
 constexpr double kRounds = 3;
 
 struct RankTimes {
-  double whole = 0, project = 0, draw = 0, gradient = 0, update = 0;  // [ms], means over the views
-  double splats = 0, drawn = 0, intersections = 0;                    // per view
+  // Times in ms. Except for `update`, these are means over the views.
+  double whole = 0, project = 0, draw = 0, gradient = 0, update = 0;
+  double splats = 0, drawn = 0, intersections = 0;  // numbers per view
 };
 
 // RankStep holds a model on the device and the buffers of a training step. It measures the parts of a step.
@@ -201,7 +202,7 @@ RankPrediction predict_ranks(const RankCosts& costs, double splats, int batch, i
   const double messages = 2 * rounds * (doublings + ranks - 1) + 4 * doublings;
   const double all_ms =
       1e3 * p.sent_bytes / (1e9 * network.gigabytes_per_second) + 1e-3 * network.latency_us * messages;
-  // Only the first records and the last gradients must be waited for. All other data are transferred while
+  // A rank waits only for the first records and the last gradients. All other data are transferred while
   // views are rendered.
   const double hidden = std::min(all_ms * (1 - 1 / rounds), (rounds - 1) * costs.draw(drawn));
   p.network_ms = all_ms - hidden;

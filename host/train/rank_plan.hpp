@@ -23,11 +23,16 @@ struct LinearCost {
 // RankCosts holds the measured times of the parts of a step on one device. Except for `update`, they are
 // times per view.
 struct RankCosts {
-  LinearCost whole;                    // forward and backward pass in one process that has all splats
-  LinearCost project;                  // computes the records of a rank's splats, until they can be sent
-  LinearCost draw;                     // renders received records, until their gradients can be sent
-  LinearCost gradient;                 // computes parameter gradients from received gradients of records
-  LinearCost update;                   // optimiser step for the splats of a rank; time per step
+  // A complete training step with one view in a single process that has all splats.
+  LinearCost whole;
+  // Projecting the splats of a rank, until their records can be sent.
+  LinearCost project;
+  // Rendering the received records and computing their gradients, until these can be sent.
+  LinearCost draw;
+  // Computing the gradients of the parameters from the received gradients of the records.
+  LinearCost gradient;
+  // The optimiser step for the splats of a rank. This is a time per step.
+  LinearCost update;
   double drawn_share = 0;              // share of the splats that are visible in a view
   double intersections_per_drawn = 0;  // mean number of tiles of a visible splat
 };

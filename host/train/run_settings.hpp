@@ -21,7 +21,7 @@ KernelConfig kernel_config(int dim, const ModelVariant& variant, const TrainSett
                            const DeviceInfo& device);
 // Returns the kernel configuration of a training, in which the frozen parameter groups are not trained.
 KernelConfig training_config(const TrainSettings& settings, const DeviceInfo& device);
-// Returns the settings of the renderer: planes, blur and background.
+// Returns the settings of the renderer: the near and the far plane, the blur and the background.
 RenderSettings render_settings(const TrainSettings& settings);
 // Returns `behind` with the colour, or the sky, that training has learnt so far. `sky` is TrainState::sky. If
 // it is empty, the background is not learnt, and `behind` is returned unchanged.
@@ -32,7 +32,8 @@ InitOptions init_options(const TrainSettings& settings);
 // variant differs.
 void check_initial(const TrainSettings& settings, const SplatModel& initial);
 // Returns whether training renders without waiting for the size of the tile lists. The setting list_counts
-// determines this. If it is `automatic`, training waits only on CPUs.
+// determines this: with `wait` training waits, with `bound` it does not, and with `automatic` it waits only
+// on CPUs.
 bool lists_uncounted(const TrainSettings& settings, const DeviceInfo& device);
 
 // Returns "key=value" for each setting with kOfKernels that is not at its default. Such settings are compiled
@@ -43,7 +44,8 @@ std::vector<std::string> kernel_assignments(const TrainSettings& settings);
 // Replaces "auto" in the fields whose values depend on other settings. noise_lr becomes 1 for models with
 // time, otherwise 1e6. lr_rgb becomes 1e-3, or 2.5e-3 for spherical harmonics and lobes. lr_opacity becomes
 // 0.05, or 0.025 for the kernel gaussian. lr_scale becomes 0.005, or 0.02 for the kernel gaussian. dim must
-// be a number. If the unit was automatic, noise_lr has been replaced before.
+// be a number. (For static scenes with an automatic unit, host/api/training_data.cpp sets noise_lr to 1.6e7
+// before this function is called.)
 TrainSettings resolve_automatic(TrainSettings settings);
 
 // Returns the input of plan_memory() for a training with at most `splats` splats on these views. The number

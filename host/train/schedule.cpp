@@ -16,8 +16,8 @@ constexpr double kFirstSweep = 0.1, kLastSweep = 0.9;  // shares of the work
 
 // Adam changes a parameter by about its learning rate per step. The initial rate of the appearance of an
 // image is chosen so that its gains, which are logarithms, can change by kAppearanceTravel during the run. It
-// is limited to the range from kAppearanceRate to kMaxAppearanceRate, so it is 0.1 for 60 steps or fewer
-// (tests/train/appearance_training_test.cpp), and 0.02 for 300 steps or more.
+// is limited to the range from kAppearanceRate to kMaxAppearanceRate, so it is 0.1 if the run has at most 60
+// steps per image (tests/train/appearance_training_test.cpp), and 0.02 if it has at least 300.
 constexpr double kAppearanceTravel = 6, kAppearanceRate = 0.02, kMaxAppearanceRate = 0.1;
 
 }  // namespace

@@ -45,8 +45,8 @@ class Schedule {
   // Returns the learning rate for the appearance of one of `images` images. With `images` = 1, this is the
   // rate for parameters that all images share; it is used for the learnt background.
   double appearance_rate(int iteration, std::size_t images) const;
-  // If the iteration ends with a camera sweep, returns the share of all sweeps that have already taken place.
-  // Otherwise returns nothing.
+  // If the iteration ends with a camera sweep, returns the number of earlier sweeps divided by 19. This is 0
+  // for the first of the 20 sweeps and 1 for the last. Otherwise returns nothing.
   std::optional<double> camera_sweep(int iteration) const;
   // Returns the shares of the work at which cameras are swept, in ascending order.
   static std::vector<double> camera_sweep_shares();

@@ -22,8 +22,8 @@ class SharedViewPasses final : public ViewPasses {
         shared_(ranks, device, stages, renderer_),
         deal_(views.batch(), ranks.size()) {}
 
-  // Sets how many views of a batch each rank renders. Without this call, all ranks render equal numbers. Must
-  // be called before the first step.
+  // Sets how many views of a batch each rank renders. Without this call, these numbers differ by at most one.
+  // Must be called before the first step.
   void deal_views(std::vector<std::uint64_t> by_rank) { deal_ = Deal(std::move(by_rank)); }
   const Deal& deal() const { return deal_; }
   // Returns the number of bytes that this rank has sent.

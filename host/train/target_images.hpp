@@ -15,19 +15,21 @@
 
 namespace ubs {
 
-// Target is the data that an image is compared with. It corresponds to the three fields of the same names
-// (`target`, `mask`, `counted`) of ImageLoss.
+// Target is the data that an image is compared with. Its fields are the values for the fields `target`,
+// `mask` and `counted` of ImageLoss.
 struct Target {
   BufferView<std::uint8_t> image;  // (3, height, width)
   BufferView<std::uint8_t> mask;   // (height, width); empty: no pixel is masked
   std::uint32_t counted = 0;       // number of pixels that are not masked, if there is a mask
 };
 
-// Maximum size of the ground truth that stays on the device.
+// Maximum size of the images that stay on the device, in bytes.
 inline constexpr std::size_t kTargetBudgetBytes = std::size_t{1} << 30;
 
 class TargetImages {
  public:
+  // `budget_bytes` limits the images that stay on the device. `cache_bytes` limits the decoded images that
+  // the ImagePool keeps in host memory.
   TargetImages(Device& device, std::size_t budget_bytes, std::size_t cache_bytes = std::size_t{4} << 30)
       : device_(device), budget_(budget_bytes), cache_(cache_bytes) {}
 

@@ -9,8 +9,8 @@ namespace {
 
 constexpr std::array kShares{0.2, 0.4, 0.6, 0.8};  // shares of the work after which the sample is measured
 constexpr std::size_t kMostViews = 8;              // maximum number of views in the sample
-// Maximum time of all measurements together: a share of the training time, and for runs with a time budget
-// also a number of seconds.
+// Maximum time of all measurements together: a share of the training time so far. For runs with a time
+// budget, it is also at most kMostSeconds times the share of the work that is done.
 constexpr double kTimeShare = 0.02, kMostSeconds = 2;
 // The size of the sample is chosen so that the first measurement takes at most this part of the allowed time.
 // Later measurements take longer, because there are more splats.

@@ -42,7 +42,7 @@ class TestSample {
   bool limited_;
   std::size_t next_ = 0;                  // index of the next share at which to measure
   double allowed_ = 0, spent_ = 0;        // seconds
-  std::optional<double> seconds_a_view_;  // of the last measurement
+  std::optional<double> seconds_a_view_;  // time per view in the last measurement
   std::vector<std::uint32_t> views_;
 };
 

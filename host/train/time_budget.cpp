@@ -19,8 +19,8 @@ constexpr double kMinStepShare = 0.1;  // minimum time of a step, as a share of 
 // of iterations for the whole work.
 constexpr double kLeastChange = 0.5, kMostChange = 1.5;
 constexpr double kFresh = 0.5;  // weight of the latest measurement in slowness_
-// The distance between two points is 1/kPoints of the iterations of the whole run, or 1/kPointsOfRest of the
-// remaining iterations if this is less.
+// The distance between two points is 1/kPoints of the iterations of the whole run, but at least log_every. If
+// this is more than 1/kPointsOfRest of the remaining iterations, the distance is reduced to this share.
 constexpr int kPoints = 100, kPointsOfRest = 10;
 // Used by cooldown_seconds(): a share of the training time, and a minimum and a maximum in seconds.
 constexpr double kCooldownShare = 0.1, kLeastCooldown = 5, kMostCooldown = 60;

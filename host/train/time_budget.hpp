@@ -16,12 +16,13 @@
 
 namespace ubs {
 
-// Converts "90", "90s", "10m", "2 min", "1.5h" or "1h30m" into seconds. Throws Error(usage) for any other
-// text.
+// Converts a text such as "90", "90s", "10m", "2 min", "1.5h" or "1h30m" into seconds. Throws Error(usage) if
+// the text is not a positive time, or if the time exceeds 1e7 seconds.
 double time_budget_seconds(const std::string& text);
 
 // StepCost holds the times of a training with images that are reduced by `factor`. A step takes fixed_ms plus
-// each_ms for every splat. If cameras are refined, a sweep over all cameras takes sweep_ms.
+// each_ms for every splat, but at least a tenth of fixed_ms. If cameras are refined, a sweep over all cameras
+// takes sweep_ms.
 struct StepCost {
   int factor = 1;
   double fixed_ms = 0, each_ms = 0, sweep_ms = 0;
@@ -55,8 +56,10 @@ class WorkTime {
 // is used when a run is continued with another time budget.
 std::string shares_until(const TrainSettings& settings, int iteration);
 
-// The share of the work at which the last part of the schedule begins. This part uses full-size images and no
-// refinement, and its learning rates decrease to 0. A run that must end early skips to this part
+// The share of the work at which the last part of the schedule begins. With the settings that
+// fast_settings_for() chooses, this part has no refinement, and its learning rates decrease to 0. It uses
+// full-size images, except in runs with the image pyramids for large images or for few uses of each image,
+// which can use reduced images up to a share of 0.95. A run that must end early skips to this part
 // (BudgetPace::complete), because this is better than going through the whole remaining schedule in a short
 // time. This was measured after a quarter of a run of 2000 iterations (colmap_cup_800, --downscale 4): 50
 // iterations of the last part gave 29.10 dB, and 50 iterations for the whole remaining schedule gave 28.29

@@ -30,7 +30,7 @@ class TimedStages final : public Stages {
       : device_(device), stages_(std::move(stages)), time_(time) {}
 
   // Must be called at the start of every iteration. Every 53rd iteration is sampled. 53 is a prime number, so
-  // that all views are sampled in the course of a training, and samples do not coincide with refinements.
+  // that all views are sampled in the course of a training, and samples rarely coincide with refinements.
   // Iterations with `refines` are sampled too, because they have additional operations. If an iteration
   // relocates splats although `refines` is false, sampling starts at the relocation.
   void begin_iteration(int iteration, bool refines);

@@ -19,8 +19,8 @@ class TrainedCameras {
       : device_(device), stages_(stages), views_(views), passes_(passes), splats_(splats), time_(time) {}
 
   bool refines() const { return views_.refiner() != nullptr; }
-  // Performs a sweep: one refinement step of every camera. `done` is the share of all sweeps that have
-  // already taken place.
+  // Performs a sweep: one refinement step of every camera. `done` increases from 0 for the first sweep to 1
+  // for the last (Schedule::camera_sweep).
   void sweep(double done);
   double swept_seconds() const { return swept_; }  // seconds of all sweeps so far
   // Returns the estimated seconds of a sweep on images reduced by `factor`. The cameras are not changed.

@@ -2,12 +2,13 @@
 // Trainer optimises a splat model on the training views of a data set. It runs the training loop of
 // method.md, section 4, on one device, or on several MPI ranks that share the splats and the views
 // (docs/cluster.md).
-// It consists of several parts. Schedule decides at which iteration what happens, TrainingViews supplies
-// cameras and photographs, ViewPasses renders them, TrainedSplats holds the optimised parameters, Guard
-// handles values that are not finite, and BudgetPace keeps the run within a time budget.
+// It consists of several parts. Schedule decides when splats are refined and which learning rates apply,
+// TrainingViews supplies cameras and photographs, ViewPasses renders them, TrainedSplats holds the optimised
+// parameters, Guard handles values that are not finite, and BudgetPace keeps the run within a time budget.
 // Training is reproducible: all random choices (order of views, noise, sampling for relocation) depend only
 // on the seed and the iteration, and there is no hidden state. With the same settings, data, device and
-// build, two runs give bit-identical models, also after a restore().
+// build, two runs give bit-identical models, also after a restore(). Runs with a time budget are an
+// exception, because their length depends on the clock.
 #pragma once
 
 #include <functional>
@@ -37,9 +38,11 @@ namespace ubs {
 // StepReport is passed to on_step() after each iteration.
 struct StepReport {
   int iteration = 0;         // number of the iteration, counted from 1
-  int iterations = 0;        // of the whole run; with a time budget, the current estimate
+  int iterations = 0;        // number for the whole run; with a time budget, the current estimate
   double share = 0;          // share of the work that is done
-  double seconds = 0;        // training time so far, without evaluations and start-up
+  // Training time so far, without evaluations. In a run with a time budget, it includes the part of the
+  // budget that passed before the first iteration; in other runs, it does not include the start-up.
+  double seconds = 0;
   double seconds_left = 0;   // estimated training time that is left; 0 without a time budget
   std::uint32_t splats = 0;  // number of splats of all ranks
   // Mean loss over the views since the last logged iteration. Only present in logged iterations.
@@ -87,14 +90,14 @@ class Trainer {
   // Makes run() also measure a few test views during the training, if this takes little time (TestSample).
   // This has no effect on the model. Must be called before run(). Has no effect with several ranks.
   void sample_test() { samples_ = true; }
-  // Ends the run early. Within about `seconds` seconds, the run performs the last part of
-  // its schedule, in which the learning rates decrease to 0 (BudgetPace::complete). This part begins after
-  // the next iteration, unless that is the last one. The state at this point is saved as requested by
-  // on_state(), and no later state is saved, so that the run can also be resumed as if it had not been ended
-  // early. Must be called by on_step(). Not supported with several ranks.
+  // Ends the run early. Within about `seconds` seconds, the run performs the last part of its schedule, in
+  // which the learning rates decrease to 0 (BudgetPace::complete). This part begins after the next iteration,
+  // unless that is the last one. The state at this point is saved as requested by on_state(), and no later
+  // state is saved, so that the run can also be resumed as if it had not been ended early. Must be called by
+  // on_step(). Not supported with several ranks.
   void complete_in(double seconds);
-  // Prepares a finished run to continue for about `seconds` seconds. It then repeats the
-  // last part of its schedule with the current splats. Must be called after keep_to() and before run().
+  // Prepares a finished run to continue for about `seconds` seconds. The run then repeats the last part of
+  // its schedule with the current splats. Must be called after keep_to() and before run().
   void go_on_for(double seconds);
   // Returns the progress of the run when complete_in() took effect, or nothing if it did not.
   const std::optional<TrainProgress>& completed_from() const { return completed_from_; }
@@ -202,7 +205,7 @@ class Trainer {
   std::unique_ptr<ViewPasses> passes_;
   LearntSky sky_;
   TrainedCameras cameras_;
-  Buffer<float> rates_;  // of all parameter rows
+  Buffer<float> rates_;  // learning rates of all parameter rows
   LossLog losses_;
   TrainProgress progress_;
   Guard guard_;

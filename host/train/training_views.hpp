@@ -34,7 +34,8 @@ class TrainingViews {
   std::uint64_t first_draw(int iteration) const { return static_cast<std::uint64_t>(iteration - 1) * batch_; }
   std::uint32_t view_of(std::uint64_t draw) { return order_(draw); }
   // Returns `settings` with the background for a draw. This is View::background if the view has one.
-  // Otherwise, if random_background is on, it is a different colour for each draw.
+  // Otherwise, if random_background is on, it is the mean of the given background and a random colour, which
+  // differs for each draw.
   RenderSettings settings_of(std::uint64_t draw, RenderSettings settings);
 
   // Returns the factor by which training views are reduced at an iteration.

@@ -22,8 +22,8 @@ std::uint32_t ViewOrder::operator()(std::uint64_t draw) {
 }
 
 // Shuffles the views, which are initially in ascending order, by the method of Fisher and Yates. A random
-// index below i is the high half of the product of a 32-bit random number and i. The bias of this method is
-// below 2^-20.
+// index below i is the high half of the product of a 32-bit random number and i. With up to 4096 views, the
+// bias of this method is below 2^-20.
 void ViewOrder::shuffle(std::uint64_t epoch) {
   epoch_ = epoch;
   std::iota(permutation_.begin(), permutation_.end(), 0u);

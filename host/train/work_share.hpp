@@ -23,8 +23,8 @@ class WorkShare {
   // Returns the share of the work that is done after the iteration.
   double at(int iteration) const;
   // Schedules use steps as a unit of the work. If the number of iterations was chosen when the run started, a
-  // step is an iteration of this run, also if the run was later given another time. Otherwise the whole work
-  // has kScheduleLength steps. steps() returns the number of steps of the whole work, and steps_at() the
+  // step is an iteration of this run, even if the run later received another time budget. Otherwise the whole
+  // work has kScheduleLength steps. steps() returns the number of steps of the whole work, and steps_at() the
   // number of steps that are done after an iteration.
   int steps() const { return steps_; }
   double steps_at(int iteration) const;
@@ -34,8 +34,8 @@ class WorkShare {
   int iteration_at(double steps) const;
   // Returns the number of iterations that the whole work would take at the pace of this iteration.
   double iterations_per_share(int iteration) const;
-  // Returns the last point. If the run changed its pace before this point, returns where it did so. Returns
-  // (0, 0) if there are no points.
+  // Returns the last point. If the run changed its pace before this point, returns the iteration and the
+  // share at which the pace changed. Returns (0, 0) if there are no points.
   SharePoint last() const { return pieces_.back().from; }
 
  private:

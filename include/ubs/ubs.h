@@ -12,10 +12,9 @@
  *   outputs, with two exceptions: it sets new handles to NULL, and an image may be incomplete if the device
  *   fails while the image is copied.
  *
- * - Handles: handles that functions with the names _create, _open, _load and _copy return, and models and
- *   settings that _get functions return, must be freed with the _free function of their type. It also accepts
- *   NULL. Handles can be freed in any order, because an object that was made from another handle keeps the
- *   data that it needs.
+ * - Handles: functions with a parameter such as ubs_model** return a new handle. The program must free it
+ *   with the _free function of its type, which also accepts NULL. Handles can be freed in any order, because
+ *   an object that was made from another handle keeps the data that it needs.
  *
  * - Memory: input arrays are copied before the function returns. Output arrays belong to the caller and must
  *   have the size that the function requires. Pointers into a handle are valid until the handle is freed.
@@ -90,10 +89,10 @@ UBS_API const char* ubs_version(void);
  * failed. The result is never NULL. It is valid until the next call that fails in this thread. */
 UBS_API const char* ubs_error_message(void);
 
-/* Type of a function that receives log lines. Lines with level 0 announce operations that take time; lines
- * with level 1 are warnings. ubs_set_log sets the function for the whole process. Other functions of the
- * library call it, but only one thread at a time; it must not throw exceptions. If no function is set, or if
- * it is NULL, warnings are written to stderr. */
+/* Type of a function that receives log lines. Lines with level 0 are notices, for example about operations
+ * that take time; lines with level 1 are warnings. ubs_set_log sets the function for the whole process. Other
+ * functions of the library call it, but only one thread at a time; it must not throw exceptions. If no
+ * function is set, or if it is NULL, warnings are written to stderr. */
 typedef void (*ubs_log_function)(void* user, int level, const char* line);
 UBS_API void ubs_set_log(ubs_log_function function, void* user);
 
@@ -187,8 +186,8 @@ typedef struct ubs_view {
  * default settings are used. */
 UBS_API ubs_status ubs_data_open(const char* path, const ubs_settings* settings, ubs_data** data);
 
-/* Describes a procedural scene, as `ubs synth` makes it. If a member is 0, the default value in brackets is
- * used. */
+/* Describes a procedural scene, as `ubs synth` makes it. `scene` must be set. If another member is 0, its
+ * default value, which is given in brackets, is used. */
 typedef struct ubs_synthetic {
   size_t size;
   const char* scene;     /* "glossy" (static, with reflections), "orbit" (dynamic) or "cloud" (a volume) */
@@ -201,8 +200,8 @@ typedef struct ubs_synthetic {
   int32_t overwrite;     /* if not 0, the files of an earlier scene in the folder are replaced */
 } ubs_synthetic;
 
-/* Writes a procedural scene into `folder`, which ubs_data_open can open. If all members of `scene` are equal,
- * the files are identical. */
+/* Writes a procedural scene into `folder`, which ubs_data_open can open. Two calls with the same values in
+ * `scene` write identical files. */
 UBS_API ubs_status ubs_data_synthesise(const ubs_synthetic* scene, const char* folder);
 /* Creates an empty data set. ubs_data_add_view and ubs_data_set_points fill it. */
 UBS_API ubs_status ubs_data_create(ubs_data** data);
@@ -221,9 +220,9 @@ UBS_API ubs_status ubs_data_set_points(ubs_data* data, size_t count, const float
 /* Sets *count to the number of views of a split, or to 0 if the split does not exist. */
 UBS_API ubs_status ubs_data_view_count(const ubs_data* data, const char* split, size_t* count);
 UBS_API ubs_status ubs_data_get_view(const ubs_data* data, const char* split, size_t index, ubs_view* view);
-/* Copies the image of a view to `rgb` (height, width, 3), and its mask to `mask` (height, width). Each of
- * them may be NULL. If the view has no mask, all values of `mask` are set to 255. Returns UBS_ERROR_DATA if
- * the view has no image. */
+/* Copies the image of a view to `rgb` (height, width, 3), and its mask to `mask` (height, width). Each of the
+ * two arrays may be NULL. If the view has no mask, all values of `mask` are set to 255. Returns
+ * UBS_ERROR_DATA if the view has no image. */
 UBS_API ubs_status ubs_data_get_image(const ubs_data* data, const char* split, size_t index, uint8_t* rgb,
                                       uint8_t* mask);
 
@@ -440,10 +439,10 @@ typedef struct ubs_step {
   uint32_t iteration, iterations; /* number of finished iterations, and of all iterations of the training */
   double seconds;                 /* training time so far */
   uint64_t splats;
-  /* The mean loss since the last iteration that reported it. It is reported every log_every iterations; in
-   * all other iterations it is NaN. */
+  /* The mean loss since the last iteration that reported it. It is reported every log_every iterations, when
+   * test views are measured, and in the last iteration; in all other iterations it is NaN. */
   double loss;
-  /* Quality of the test views. It is measured every eval_every iterations and in the last iteration; in all
+  /* Quality of the test views. It is measured at the interval eval_every and in the last iteration; in all
    * other iterations it is NaN. */
   double test_psnr, test_ssim;
 } ubs_step;

@@ -320,7 +320,7 @@ class Renderer {
            const Model& gradient) {
     vjp(camera, v_rgb, v_alpha, &gradient);
   }
-  // Returns the gradient with respect to the camera that belongs to the last call of vjp() or loss().
+  // Returns the gradient with respect to the camera for the last call of vjp(), or of loss() with a gradient.
   ubs_camera_gradient camera_gradient() {
     auto gradient = sized<ubs_camera_gradient>();
     check(ubs_renderer_camera_gradient(get(), &gradient));
@@ -368,7 +368,8 @@ class Trainer {
                                     initial ? initial->get() : nullptr, t);
         })) {}
   // Trains for `steps` iterations, or to the end if `steps` is 0. Calls on_step() after every iteration. If
-  // it returns false, the run ends. If it throws, the run ends and run() throws the same exception.
+  // on_step() returns false, the run ends. If on_step() throws, the run ends and run() throws the same
+  // exception.
   void run(const std::function<bool(const ubs_step&)>& on_step = {}, std::uint32_t steps = 0) {
     struct Call {
       const std::function<bool(const ubs_step&)>& function;
@@ -396,8 +397,8 @@ class Trainer {
     return Model(detail::made<ubs_model>([&](ubs_model** m) { return ubs_trainer_get_model(get(), m); }));
   }
   // Replaces the splats (ubs_trainer_set_model). `from` contains a number for each splat of `model`: the
-  // index of the current splat whose optimiser state the splat continues with, or -1 for a new state. If it
-  // is empty, all splats get new states.
+  // index of the current splat whose optimiser state the splat continues with, or -1 for a new state. If
+  // `from` is empty, all splats get new states.
   void set_model(const Model& model, std::span<const std::int64_t> from = {}) {
     if (!from.empty()) detail::check_size(from.size(), static_cast<std::size_t>(model.info().splats), "from");
     check(ubs_trainer_set_model(get(), model.get(), from.empty() ? nullptr : from.data()));

@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// The language of kernels/math and kernels/map: the common subset of OpenCL C 1.2, CUDA C++ and C++20. The same source
-// is compiled by three compilers. A value is a `vreal`, which has UBS_VW lanes in OpenCL and one lane otherwise. The
-// rules of the dialect are:
+// dialect.h defines the language of kernels/math and kernels/map. It is the common subset of OpenCL C 1.2, CUDA C++ and
+// C++20, so that three compilers accept the same source. A value is a `vreal`, which has UBS_VW lanes in OpenCL and one
+// lane otherwise. The rules of the dialect are:
 // - Do not use references, templates, overloads, pointers or recursion; pass structs by value.
 // - Do not branch on a `vreal`: select with `mask ? a : b`, and combine masks with & | !. In OpenCL both sides of ?:
 //   must be vreal, so write literals as V(0.5) and scalars as R(0.5).
-// - If a comparison must be false for NaN, write it such that NaN gives the safe answer.
+// - Write comparisons such that NaN gives the safe result. For example, !(det > 0) is true if det is NaN.
 #pragma once
 
 #if defined(__OPENCL_C_VERSION__) || defined(__OPENCL_VERSION__)
@@ -46,8 +46,8 @@ typedef float4 real4;
 #ifdef UBS_OPENCL
 #ifdef UBS_POCL
 // Without AVX-512, sixteen lanes are passed in two registers, and clang warns that this depends on the ABI. The warning
-// only matters for libraries, but PoCL prints the number of warnings in the user's terminal. Other compilers that claim
-// to be clang must not see this pragma: NVIDIA's does not know the option and warns about it.
+// only matters for libraries, but PoCL prints the number of warnings in the user's terminal. Other compilers that are
+// based on clang must not see this pragma: NVIDIA's compiler does not know the option and warns about it.
 #pragma clang diagnostic ignored "-Wpsabi"
 #endif
 // Functions are always inlined, even those with two callers, because a call passes structs of a hundred values through
@@ -142,7 +142,7 @@ typedef unsigned int vuint;
 #define ubs_any_lane(mask) (mask)
 #endif
 
-// Comparisons are used instead of fmin/fmax, so that a NaN in the first argument stays NaN in both.
+// Comparisons are used instead of fmin/fmax, so that both macros return NaN if the first argument is NaN.
 #define ubs_min(a, b) ((a) > (b) ? (b) : (a))
 #define ubs_max(a, b) ((a) < (b) ? (b) : (a))
 

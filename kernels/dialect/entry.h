@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Macros for the entry points of map kernels. One work-item processes UBS_VW consecutive elements.
+// entry.h defines the macros with which kernels in kernels/map declare their entry points and access memory. One
+// work-item processes UBS_VW consecutive elements.
 #pragma once
 
 #ifdef UBS_OPENCL
@@ -60,8 +61,8 @@ typedef unsigned long ulong;  // 64 bits on Linux; glibc has the same typedef
 
 // The macros UBS_PREFETCH* prefetch a cache line on CPUs with PoCL. They are used for gathered values, and for
 // parameters if there are more rows than the hardware prefetcher can follow. The function prefetch() of OpenCL has no
-// effect on PoCL. UBS_PREFETCH_FAR loads into the second-level cache, which can wait for more lines at a time than the
-// first-level cache. It is used in loops that read from a hundred rows at once.
+// effect on PoCL. UBS_PREFETCH_FAR loads into the second-level cache, which can load more lines at the same time than
+// the first-level cache. It is used in loops that read from a hundred rows at once.
 #ifdef UBS_POCL
 #define UBS_PREFETCH(pointer) __builtin_prefetch((const void*)(size_t)(pointer))
 #define UBS_PREFETCH_FAR(pointer) __builtin_prefetch((const void*)(size_t)(pointer), 0, 2)

@@ -1,9 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-// Macros for kernels that access the gradient slots. Normally the slots are in one buffer. If they do not fit into a
-// single allocation of the device, the host defines UBS_SLOT_PIECES, and the slots are in up to eight buffers of
-// 2^slot_bits slots each. No slot is split between two buffers. Kernels and functions declare the buffers as parameters
-// with UBS_SLOTS and pass them on with UBS_SLOT_ARGUMENTS. UBS_SLOT_PIECE(slot) is the buffer that contains a slot, and
-// UBS_SLOT_IN_PIECE(slot) is the index of the slot in this buffer. CUDA always has one buffer.
+// slot_pieces.h defines macros for kernels that access the gradient slots. Normally the slots are in one buffer. If
+// they do not fit into a single allocation of the device, the host defines UBS_SLOT_PIECES, and the slots are in up to
+// eight buffers of 2^slot_bits slots each. No slot is split between two buffers. Kernels and functions declare the
+// buffers as parameters with UBS_SLOTS and pass them on with UBS_SLOT_ARGUMENTS. UBS_SLOT_PIECE(slot) is the buffer
+// that contains a slot, and UBS_SLOT_IN_PIECE(slot) is the index of the slot in this buffer. CUDA always has one
+// buffer.
 #pragma once
 
 #ifndef UBS_OPENCL

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Exchange of values between the lanes of a block of 16 work-items, without memory. UBS_SUBGROUPS selects the mechanism
-// (host/opencl/exchange.hpp): 0: none; 1: cl_khr_subgroup_shuffle; 2: NVIDIA's shfl (always used in CUDA); 3: DPP and
-// ds_swizzle of AMD. The functions and macros are:
+// With exchange.h, the lanes of a block of 16 work-items exchange values without storing them in memory. UBS_SUBGROUPS
+// selects the mechanism (host/opencl/exchange.hpp): 0: none; 1: cl_khr_subgroup_shuffle; 2: NVIDIA's shfl (always used
+// in CUDA); 3: DPP and ds_swizzle of AMD. The functions and macros are:
 // - ubs_item(): returns the number of the work-item in its group, in an order in which 16 consecutive work-items are
 //   lanes of the same wave.
 // - lane_xor8(x), lane_xor4(x), lane_xor2(x), lane_xor1(x): return the x of the lane whose number is that of this lane
@@ -9,9 +9,9 @@
 // - any_of_wave(condition): returns whether a loop with exchanges must continue. With mechanisms in which all lanes of
 //   a wave must take part in an exchange, it is true if the condition holds in any lane of the wave. With the other
 //   mechanisms, it is the condition of the lane itself.
-// - UBS_BALLOT: 1 if waves consist of 32 work-items with consecutive local ids. Then ballot(condition) returns a word
-//   with one bit for each work-item of the wave.
-// Without UBS_BALLOT the size of waves is unknown, except that it is a multiple of 16.
+// - UBS_BALLOT: 1 if waves consist of 32 work-items with consecutive local ids. In this case ballot(condition) returns
+//   a word with one bit for each work-item of the wave. If UBS_BALLOT is 0, the size of waves is unknown, except that
+//   it is a multiple of 16.
 #ifndef UBS_OPENCL
 #define UBS_SUBGROUPS 2
 #endif

@@ -1,14 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
-// Parts of long lists. On GPUs a tile's list with more than kLongList entries is rendered in parts of kListPart
-// entries, with one work-group per part, so that a long list does not keep one work-group busy while the others are
-// idle. The contribution of a part depends on the parts in front of it only through their transmittance. Therefore
-// there are three passes. The first pass computes the transmittance of each part. The second pass computes the colours
-// of all parts; each part starts with the product of the transmittances of the parts in front of it. The third pass
-// adds the colours of the parts.
+// On GPUs, a tile's list with more than kLongList entries is rendered in parts of kListPart entries, with one
+// work-group per part, so that a long list does not keep one work-group busy while the others are idle. The
+// contribution of a part depends on the parts in front of it only through their transmittance. Therefore there are
+// three passes. The first pass computes the transmittance of each part. The second pass computes the colours of all
+// parts; each part starts with the product of the transmittances of the parts in front of it. The third pass adds the
+// colours of the parts.
 //
 // The results of a part are stored at its place, which is an index into a buffer that all lists share. Part k of a list
 // that starts at entry `first` has the place first / (kListPart / 2) + k. No two parts of long lists have the same
-// place, because a list with kLongList or more entries has at most as many parts as it has places of its own.
+// place, because a list with more than kLongList entries has at most as many parts as it has places of its own.
 #pragma once
 
 enum { kPartPlanes = UBS_DEPTH ? 7 : 5 };  // planes of kTileSide^2 floats per part
@@ -20,7 +20,7 @@ typedef struct {
   // number >= count, the part does not exist.
   uint number, count;
   uint first, last;    // the entries of the part are first to last - 1
-  uint place;
+  uint place;          // place of the results of the part, see above
 } ListPart;
 
 // Returns part `number` of the list of a tile. If `divides` is 0, even long lists have only one part.

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// Segments of lists. On GPUs the backward rasteriser processes the list of a tile in segments of kListSegment entries,
-// with one work-group per segment, so that a long list does not keep one work-group busy while the others are idle. The
-// forward rasteriser stores the state of the tile's pixels in front of each segment except the first. The state of a
-// pixel is a float4. It contains the transmittance so far, or 0 if the pixel is closed (math/blend.h), and the colour
-// composited so far. There are kTileSide^2 states per segment.
+// On GPUs, the backward rasteriser processes the list of a tile in segments of kListSegment entries, with one
+// work-group per segment, so that a long list does not keep one work-group busy while the others are idle. The forward
+// rasteriser stores the state of the tile's pixels in front of each segment except the first. The state of a pixel is a
+// float4. It contains the transmittance so far, or 0 if the pixel is closed (math/blend.h), and the colour composited
+// so far. There are kTileSide^2 states per segment.
 //
 // Segments are numbered over all tiles. Segment k of the list of a tile that starts at entry `first` has the number
 // first / kListSegment + tile + k. Its states are stored at index first / kListSegment + k - 1, counted in blocks of

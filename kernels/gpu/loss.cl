@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Kernels for the L1 + SSIM loss of an image and its gradient (formulas: kernels/math/loss.h), for OpenCL and CUDA. One
-// work-group processes one tile of one channel. The window sums are separable: they are computed along columns into
-// local memory first, then along rows. On CPUs a work-group is one work-item with UBS_VW lanes; on GPUs (UBS_VW = 1)
-// LOSS_GROUP work-items share the loops.
+// These kernels compute the L1 + SSIM loss of an image and its gradient, with OpenCL and with CUDA. The formulas are in
+// kernels/math/loss.h. One work-group processes one tile of one channel. The window sums are separable: they are
+// computed along columns into local memory first, then along rows. On CPUs a work-group is one work-item with UBS_VW
+// lanes; on GPUs (UBS_VW = 1) LOSS_GROUP work-items share the loops.
 //
 //   loss_margins     writes zeros around the maps, after the shape of the images has changed
 //   loss_window      image, target -> sums of the tile; if a gradient is requested, also the three maps of
@@ -37,8 +37,8 @@
 #define LOSS_GROUP 1
 #endif
 #define LOSS_TILE_Y 16
-// Number of rows that are summed along columns before they are summed along rows. A single work-item proceeds strip by
-// strip, so that the intermediate sums stay in the first-level cache.
+// LOSS_PART is the number of rows that are summed along columns before they are summed along rows. If a work-group has
+// a single work-item, it proceeds strip by strip, so that the intermediate sums stay in the first-level cache.
 #if LOSS_GROUP == 1
 #define LOSS_PART LOSS_STRIP
 #define LOSS_BARRIER
@@ -53,11 +53,12 @@
 // Columns of a tile including the halo of the window, rounded up to whole vectors.
 #define LOSS_COLUMNS ((LOSS_TILE_X + 2 * kSsimRadius + UBS_VW - 1) / UBS_VW * UBS_VW)
 #define LOSS_ROWS (LOSS_TILE_Y + 2 * kSsimRadius)
-// Number of zero columns on the left side of each plane of a map. It is chosen such that loads of windows are aligned
-// to whole vectors, because windows are loaded three times as often as pixels are stored. The host reserves kMapMargin
-// zero columns per row. The remaining ones are on the right side, and there are at least kSsimRadius of them.
+// Number of zero columns on the left side of each plane of the maps. It is chosen such that loads of windows are
+// aligned to whole vectors, because windows are loaded three times as often as pixels are stored. The host reserves
+// kMapMargin zero columns per row. The remaining ones are on the right side, and there are at least kSsimRadius of
+// them.
 #define LOSS_MAP_MARGIN (16 + kSsimRadius)
-#define LOSS_SHARES 64
+#define LOSS_SHARES 64  // number of partial sums per channel in loss_total
 #define LOSS_TOTAL_GROUP (LOSS_GROUP == 1 ? LOSS_SHARES : 3 * LOSS_SHARES)
 
 UBS_CONSTANT real kWindow[kSsimTaps] = UBS_SSIM_WEIGHTS;
@@ -168,7 +169,7 @@ UBS_FN LossPair load_pair(LossPixels p, LossShape s, int x, int y, real shift) {
   return make_pair(UBS_LOAD(image), UBS_LOAD(target), p, shift);
 }
 
-// Returns in which lanes the pixel counts, that is, is inside the image and not masked.
+// Returns a mask of the lanes whose pixel counts. A pixel counts if it is inside the image and not masked.
 UBS_FN vmask pixels_count(LossPixels p, LossShape s, int x, int y) {
   vmask inside = ubs_lane_indices((uint)x) < (vuint)((uint)(y < s.height ? s.width : 0));
 #ifdef UBS_LOSS_MASK
@@ -202,7 +203,7 @@ UBS_FN int tile_columns(int x0, int pitch) {
 // ---- Window sums and the point formula ----
 
 #if UBS_VW > 1
-// Loads a row of a tile that starts at column `left`. Columns `begin` to `end` come from the image; the others are
+// Loads a row of a tile that starts at column `left`. Columns `begin` to `end` - 1 come from the image; the others are
 // zero.
 UBS_FN void load_row(LossPixels p, LossShape s, int left, int begin, int end, int y, int vectors,
                             real shift, UBS_LOCAL real* u, UBS_LOCAL real* v) {
@@ -323,7 +324,7 @@ UBS_FN SsimMeans sum_row(UBS_LOCAL const real* means) {
 }
 
 // Returns the shift of a tile: the target in its middle. This is close to the pixels' values if they vary little, and
-// the shift only matters in this case (see SsimMeans). A masked pixel is not used.
+// the shift only matters in this case (see SsimMeans). If the pixel in the middle is masked, the shift is 0.5.
 UBS_FN real tile_shift(LossPixels p, LossShape s, int x0, int y0) {
   int x = ubs_min(x0 + LOSS_TILE_X / 2, s.width - 1);
   int y = ubs_min(y0 + LOSS_TILE_Y / 2, s.height - 1);

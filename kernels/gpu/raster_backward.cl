@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// Backward rasteriser for GPUs. One work-group processes one segment of a tile's list (list_segments.h), front to back
-// as in the forward pass (math/blend.h). Splats that no pixel of the tile composites (mask 0) are skipped. The ten sums
-// of a splat are added in a fixed order: first over the 16 pixels of a block, then over the blocks. Each pair of tile
-// and splat is written once, to its own slot. There are no float atomics, so the same inputs give bit-identical
-// results.
+// This file contains the backward rasteriser for GPUs. One work-group processes one segment of a tile's list
+// (list_segments.h), front to back as in the forward pass (math/blend.h). Splats that no pixel of the tile composites
+// (mask 0) are skipped. The ten sums of a splat are added in a fixed order: first over the 16 pixels of a block, then
+// over the blocks. The sums of each pair of tile and splat are written once, to a separate slot. There are no float
+// atomics, so the same inputs give bit-identical results.
 
 // Number of splats per batch. It is less than the number of work-items, so that the kernel needs less than 32 KiB of
 // local memory.
@@ -19,7 +19,8 @@
 
 enum {
   kBackwardWords = UBS_BACKWARD_BATCH / 32,
-  kTurn = UBS_SUBGROUPS ? UBS_BACKWARD_TURN : 16,  // without exchange between lanes, more do not fit in local memory
+  // Without exchange between lanes, local memory has no space for more than 16 splats.
+  kTurn = UBS_SUBGROUPS ? UBS_BACKWARD_TURN : 16,
   kSums = 10,                                      // number of sums in blend_vjp()
   kPlaces = kBlocks + 1,  // stride from splat to splat in the sums: kBlocks + 1, to avoid bank conflicts
   kParts = kTurn * kPlaces,
@@ -82,9 +83,9 @@ UBS_FN float sum_over_lanes(UBS_LOCAL const float* values) {
 }
 #endif
 
-// Examines UBS_BACKWARD_BATCH list entries, starting at `at`. Stores those that at least one block composites in
-// `shared`, in list order, and returns their number. The elements of `blocks` after the last of them become 0. Without
-// ballot, `kept` must be 0 before the call, and is 0 again afterwards.
+// Examines UBS_BACKWARD_BATCH list entries, starting at `at`. Entries that at least one block composites are stored in
+// `shared`, in list order. Returns the number of these entries. The elements of `blocks` after the last of them become
+// 0. Without ballot, `kept` must be 0 before the call, and is 0 again afterwards.
 UBS_FN int fill_batch(UBS_LOCAL BackwardShared* shared, uint at, uint last, UBS_GLOBAL const float* records,
                       UBS_GLOBAL const uint* sorted_ids, UBS_GLOBAL const uint* sorted_slots,
                       UBS_GLOBAL const ushort* masks, int item) {
@@ -164,8 +165,8 @@ UBS_FN void write_slots(UBS_LOCAL const BackwardShared* shared, int first, int c
 }
 
 // Each block visits those splats of a turn that reach it. If lanes can exchange values, each block advances at its own
-// pace. Otherwise all blocks visit their k-th splat at the same time, because the sums go through local memory, and its
-// barriers involve all work-items.
+// pace. Otherwise all blocks visit their k-th splat at the same time, because the sums go through local memory, and the
+// barriers that this requires involve all work-items.
 UBS_KERNEL UBS_WAVES UBS_GROUP(kItems) void raster_gpu_backward(
     UBS_GLOBAL const float* records, UBS_GLOBAL const uint* sorted_ids, UBS_GLOBAL const uint* sorted_slots,
     UBS_GLOBAL const uint* tile_ranges, int tiles_x, int tiles_y, int width, int height,

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Forward rasteriser for GPUs. The splats of a tile's list are loaded into local memory in batches. A batch has as many
-// splats as the tile has pixels. Long lists are rendered in parts (list_parts.h).
+// This file contains the forward rasteriser for GPUs. The splats of a tile's list are loaded into local memory in
+// batches. A batch has as many splats as the tile has pixels. Long lists are rendered in parts (list_parts.h).
 
 // Number of splats whose alphas a work-item computes before it blends the first of them, so that the computations of
 // their alphas need not wait for each other (docs/results/2026-11-26-h200-lists.md).
@@ -34,7 +34,7 @@ UBS_FN UBS_GLOBAL float4* state_of(UBS_GLOBAL float* states, uint list_first, ui
 
 typedef struct {
   float4 places[kItems], shapes[kItems];
-  uint blocks[UBS_BALLOT ? 4 : kItems];  // the blocks that each splat reaches
+  uint blocks[UBS_BALLOT ? 4 : kItems];  // the blocks that each splat reaches; not used with ballot
   float2 colours[kItems];
 #if UBS_DEPTH
   float depths[kItems];
@@ -69,7 +69,7 @@ typedef struct {
   float open;              // transmittance if the pixel is still open, otherwise 0
   float rest;              // transmittance after the last composited splat
   float r, g, b;
-  float weighted_depth, weight;  // with UBS_DEPTH
+  float weighted_depth, weight;  // sums for the expected depth; only used with UBS_DEPTH
 } ForwardPixel;
 
 UBS_FN ForwardPixel new_pixel(float open) {
@@ -77,8 +77,8 @@ UBS_FN ForwardPixel new_pixel(float open) {
   return p;
 }
 
-// Blends the entries from `begin` to `end` of a list that starts at `first`. masks and states are null if there is no
-// backward pass.
+// Blends the entries from `begin` to `end` - 1 of a list that starts at `first`. masks and states are null if there is
+// no backward pass.
 UBS_FN ForwardPixel take_entries(ForwardPixel p, UBS_LOCAL ForwardShared* shared, TilePixel pixel, int item, uint first,
                                  uint begin, uint end, UBS_GLOBAL const float* records,
                                  UBS_GLOBAL const uint* sorted_ids, UBS_GLOBAL const uint* sorted_slots,

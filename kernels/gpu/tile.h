@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Definitions that the rasterisers for GPUs share. One work-group processes one tile of 16x16 pixels, and one work-item
-// one pixel. Sixteen consecutive work-items process a block of 4x4 pixels. Each block visits only the splats whose
-// ellipse reaches it.
+// This file contains the definitions that the rasterisers for GPUs share. One work-group processes a tile of 16x16
+// pixels, or a part of its list, and one work-item processes one pixel. Sixteen consecutive work-items process a block
+// of 4x4 pixels. Each block visits only the splats whose ellipse reaches it.
 #pragma once
 
 enum {

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Macros for kernels whose work-items cooperate on a GPU: work-groups, local memory and barriers. The same source is
-// compiled as OpenCL C and as CUDA C++. In CUDA a work-group is a block, a work-item a thread, and a wave a warp of 32.
+// words.h defines macros for kernels whose work-items cooperate: work-groups, local memory and barriers. With them, the
+// same source is compiled as OpenCL C and as CUDA C++. In CUDA a work-group is a block, a work-item a thread, and a
+// wave a warp of 32.
 // - UBS_GROUP(n) follows UBS_KERNEL. The kernel runs in work-groups of n work-items.
 // - UBS_SHARED declares a variable in local memory. It may only be used in kernels. UBS_LOCAL is the address space of a
 //   pointer to such a variable.

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Functions that load and store the Adam state of one row of UBS_VW splats. adam.cl and learn.cl use them.
+// The functions of this file load and store the Adam state of one parameter of UBS_VW splats. adam.cl and learn.cl use
+// them.
 
 UBS_FN AdamState adam_load(vreal param, UBS_GLOBAL const real* moment1, UBS_GLOBAL const real* moment2) {
   AdamState s;

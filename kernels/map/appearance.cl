@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Kernels that map the colours of a rendered image to those of one photograph, and compute the gradients of this
+// These kernels map the colours of a rendered image to those of one photograph, and compute the gradients of this
 // mapping (kernels/math/appearance.h). Planes are padded to whole tiles; values in the padding are undefined and do not
 // enter any sum.
 
@@ -60,8 +60,8 @@ UBS_KERNEL void map_colours_vjp(UBS_GLOBAL const real* image, int width, int hei
     UBS_STORE(sum[q], sums + (q * strips + strip) * pitch + x);
 }
 
-// Computes the gradient of the twelve numbers, with one work-item per number. Before, the kernel row_sums must have
-// replaced the first element of each row of `sums` by the sum of the row.
+// Computes the gradient of the twelve numbers, with one work-item per number. The kernel row_sums must run before this
+// kernel. It replaces the first element of each row of `sums` by the sum of the row.
 UBS_KERNEL void appearance_gradient(UBS_GLOBAL const real* sums, int pitch, int strips,
                                     UBS_GLOBAL const real* numbers, uint first, UBS_GLOBAL real* gradient,
                                     uint first_gradient) {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The kernels of tile lists that need no cooperation of work-items.
+// This file contains a kernel of the tile lists that both back ends use. Its work-items do not cooperate.
 
 // This kernel runs before the lists are built, if the host does not know their length. It copies the numbers of visible
 // splats and of intersections from the totals, for the kernels that follow. If there are more intersections than

@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// The kernels of relocation and growth (method.md 4.3). Both choose source splats at random and copy them: relocation
-// to the places of dead splats, growth to new places. The kernels have one work-item per splat. They count the copies
-// of each source with integer atomics, whose result does not depend on the order. They are compiled with UBS_VW = 1,
-// because copies read from arbitrary splats, and because relocations are rare. The kernels run in this order:
+// This file contains the kernels of relocation and growth (method.md 4.3). Both choose source splats at random and copy
+// them: relocation to the places of dead splats, growth to new places. The kernels have one work-item per splat. They
+// count the copies of each source with integer atomics, whose result does not depend on the order. They are compiled
+// with UBS_VW = 1, because copies read from arbitrary splats, and because relocations are rare. The kernels run in this
+// order:
 //   mcmc_weights, prefix sums of the weights, mcmc_draw, mcmc_sources, mcmc_copies
 
 // Computes the weight with which each splat is drawn as a source. If alive_only is 1, dead splats get the weight 0, so

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Kernels for the layers of a convolutional network, except for its matrix products. The network computes features of
-// an image for the metric LPIPS. Images and features are planar. Channel c starts at c * plane, and rows follow each
-// other without gaps. `plane` is a multiple of 16, so that a work-item may load and store UBS_VW pixels even if these
-// extend past the last pixel. Dimension 1 of the launches enumerates channels, or rows of a matrix.
+// These kernels compute the layers of a convolutional network, except for its matrix products. The network computes
+// features of an image for the metric LPIPS. Images and features are planar. Channel c starts at c * plane, and rows
+// follow each other without gaps. `plane` is a multiple of 16, so that a work-item may load and store UBS_VW pixels
+// even if these extend past the last pixel. Dimension 1 of the launches enumerates channels, or rows of a matrix.
 
 // Converts a pixel of an image to the input of the network, or to that of the window sums of SSIM (ssim_valid.cl).
 // Clamps the value to [0, 1] and computes value * scale + offset, where scale and offset depend on the channel. The

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// The kernels project_forward and project_backward. Each of them does the conditioning and the projection of splats in
-// one pass. One work-item processes UBS_VW consecutive splats with the functions of kernels/math/splat.h. Parameters
-// are stored row by row, with one row for each parameter of all splats; records are stored splat by splat.
+// This file contains the kernels project_forward and project_backward. Each of them does the conditioning and the
+// projection of splats, or computes their derivatives, in one pass. One work-item processes UBS_VW consecutive splats
+// with the functions of kernels/math/splat.h. Parameters are stored row by row, with one row for each parameter of all
+// splats; records are stored splat by splat.
 
 // SplatsInView holds the arguments that all kernels of this file have in common. Splat i has record first_record + i,
 // because groups of splats with different numbers of dimensions share one buffer of records.
@@ -72,8 +73,8 @@ UBS_FN vmask within_raw_range(SplatRaw raw) {
   return even + odd <= (vreal)(UBS_RAW_MAX * UBS_RAW_MAX);
 }
 
-// The first and the last pixel from 0 to size - 1 whose centres are within half_extent of the middle. If there is no
-// such pixel, first > last.
+// PixelRange holds the first and the last of the pixels 0 to size - 1 whose centres are within half_extent of the
+// middle. If there is no such pixel, first > last.
 typedef struct {
   vreal first, last;
 } PixelRange;

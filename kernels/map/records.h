@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// Functions that read and write the records of UBS_VW consecutive splats. In memory, each splat has a record of 16
-// reals. In registers, field k of all UBS_VW records is one vreal. With 16 lanes the two layouts are transposes of each
-// other. The transposition is done in registers, because a transposition through memory, element by element, would
-// stall on store forwarding. With one lane, records are accessed in words of four reals; neighbouring lanes of a GPU
-// then access words that are 64 bytes apart.
+// The functions of this file read and write the records of UBS_VW consecutive splats. In memory, each splat has a
+// record of 16 reals. In registers, field k of all UBS_VW records is one vreal. With 16 lanes the two layouts are
+// transposes of each other. The transposition is done in registers, because a transposition through memory, element by
+// element, would stall on store forwarding. With one lane, records are accessed in words of four reals; neighbouring
+// lanes of a GPU then access words that are 64 bytes apart.
 
 typedef struct {
   vreal field[16];

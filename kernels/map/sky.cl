@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Kernels that add a learnt sky behind the splats and compute the gradient of the sky (method.md 4.11). In the
+// These kernels add a learnt sky behind the splats and compute the gradient of the sky (method.md 4.11). In the
 // direction d of a pixel the sky has the colour
 //   B(d) = s_0 + sum_{k = 1 ... 8} Y_k(d) s_k
 // with the spherical harmonics Y_k of math/colour.h (UBS_SH_COUNT must be 9). transmittance * B is added to the pixel.
@@ -63,8 +63,8 @@ UBS_KERNEL void sky_vjp(UBS_GLOBAL const real* cameras, uint camera, int width, 
   UBS_UNROLL for (int q = 0; q < SKY_NUMBERS; ++q) UBS_STORE(sum[q], sums + (q * strips + strip) * pitch + x);
 }
 
-// Computes the gradient of the sky, with one work-item per number. Before, the kernel row_sums must have replaced the
-// first element of each row of `sums` by the sum of the row.
+// Computes the gradient of the sky, with one work-item per number. The kernel row_sums must run before this kernel. It
+// replaces the first element of each row of `sums` by the sum of the row.
 UBS_KERNEL void sky_gradient(UBS_GLOBAL const real* sums, int pitch, int strips, UBS_GLOBAL real* gradient,
                              uint first) {
   int q = (int)UBS_GLOBAL_ID(0);

@@ -2,8 +2,8 @@
 // Computes 1 - SSIM for all windows that are completely inside the image (kernels/math/loss.h), one channel at a time.
 // The window is separable: ssim_rows sums along rows into four planes, and ssim_columns sums these planes along
 // columns. A plane has `pitch` columns, a multiple of 16; the values after column width - 11 are never used.
-// Pixels are relative to the middle of [0, 1], so that the rounding error of var = E[u^2] - E[u]^2 is at most 1e-7.
-// This is small compared with the constant C2 = 9e-4 of the formula of SSIM.
+// The middle of the range, 0.5, is subtracted from all pixels, so that the rounding error of var = E[u^2] - E[u]^2 is
+// at most 1e-7. This is small compared with the constant C2 = 9e-4 of the formula of SSIM.
 
 // Computes the window sums of u, v, u^2 and v^2 along row y, with u = a + b - 1 and v = a - b.
 UBS_KERNEL void ssim_rows(UBS_GLOBAL const real* a, UBS_GLOBAL const real* b, int first, int width, int height,

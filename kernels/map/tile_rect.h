@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Functions that read the data from which tile lists are built: the rectangle of tiles of a splat, and numbers of
-// elements. A rectangle is stored in two words, x0 | x1 << 16 and y0 | y1 << 16. Both ends are inclusive.
+// The functions of this file read the data from which tile lists are built: the rectangle of tiles of a splat, and
+// numbers of elements. A rectangle is stored in two words, x0 | x1 << 16 and y0 | y1 << 16. Both ends are inclusive.
 
 typedef struct {
   uint x0, x1, y0, y1;

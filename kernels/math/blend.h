@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Functions that blend one splat into one pixel (method.md 2.6, 3.1). They compute the spatial kernel, alpha, the
-// front-to-back compositing, and the gradients of these. All rasterisers use them. The lanes of a vector are pixels,
-// and d is the mean of the splat minus the pixel centre.
+// The functions of this file blend one splat into one pixel (method.md 2.6, 3.1). They compute the spatial kernel,
+// alpha, the front-to-back compositing, and the gradients of these. All rasterisers use them. The lanes of a vector are
+// pixels, and d is the mean of the splat minus the pixel centre.
 // The kernel is (1 - r)^beta for r < 1. With UBS_FALLOFF_GAUSSIAN it is exp(-r/2) wherever alpha >= 1/255. With
 // UBS_FALLOFF_OWN it is 2^G for r < UBS_SUPPORT, where G is an expression of r and beta that the user has written. If
 // UBS_ALPHA_MIN is above 0, a splat contributes only to pixels in which its alpha exceeds this limit.
@@ -9,13 +9,14 @@
 // the corresponding gradient is not computed, and its sums stay zero.
 #pragma once
 
-// The values of a splat that blending reads. They are the same for all pixels of a block.
+// BlendSplat holds the values of a splat that blending reads. They are the same for all pixels of a block.
 typedef struct {
   real l00, l01, l11;  // factor of the conic
   real opacity, beta;
   real r, g, b;
 } BlendSplat;
 
+// BlendAlpha holds the alpha of a splat at a pixel, and the values from which it is computed.
 typedef struct {
   vreal p, q;      // L d: the offset in the coordinates of the ellipse
   // p^2 + q^2, the squared distance from the mean. The unit of the distance is the radius of the support, or the
@@ -24,14 +25,15 @@ typedef struct {
   vreal log2_1mr;  // log2(1 - r); with UBS_FALLOFF_OWN the value of G; 0 for a Gaussian
   vreal falloff;   // the value of the kernel
   vreal alpha;     // 0 outside the support
-  // True if the pixel is in the support of the kernel and alpha is not below the limits described above.
+  // True if the pixel is in the support of the kernel and alpha is within the limits described above.
   vmask inside;
-  vmask passes;    // `inside`, and alpha is below its maximum, so that the gradient of alpha is not zero
+  vmask passes;    // `inside`, and alpha was not reduced to its maximum, so that its gradient is not zero
 } BlendAlpha;
 
-// The expressions of UBS_FALLOFF_OWN. own_inside() moves r away from the centre and from the end of the support, so
-// that the expressions and their rounded terms are finite. `rim` is the minimum distance from the end, as a fraction of
-// UBS_SUPPORT. For slopes it is UBS_RIM, the same value that limits the slope of the Beta kernel.
+// These functions evaluate the expressions of UBS_FALLOFF_OWN. own_inside() moves r away from the centre and from the
+// end of the support, so that the expressions and their rounded terms are finite. `rim` is the minimum distance from
+// the end, as a fraction of UBS_SUPPORT. For slopes it is UBS_RIM, the same value that limits the slope of the Beta
+// kernel.
 UBS_FN vreal own_inside(vreal r, real rim) {
   r = r < (vreal)(UBS_SUPPORT * (R(1.0) - rim)) ? r : (vreal)(UBS_SUPPORT * (R(1.0) - rim));
   return r > (vreal)(UBS_SUPPORT * R(1e-12)) ? r : (vreal)(UBS_SUPPORT * R(1e-12));

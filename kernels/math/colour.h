@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-// Functions for the colour of a splat seen from a direction d, and its gradients (method.md 5.2). UBS_COLOUR selects
-// one of three representations of the colour:
+// The functions of this file compute the colour of a splat seen from a direction d, and its gradients (method.md 5.2).
+// UBS_COLOUR selects one of three representations of the colour:
 // - the raw rgb values, without dependence on the direction;
 // - max(0, 1/2 + sum_k Y_k(d) f_k) with the real spherical harmonics Y_k up to degree 3, in the order and with the
 //   signs of 3D Gaussian Splatting;
 // - the constant harmonic plus spherical Beta lobes.
-// The direction d is a unit vector. The gradient of d is that of the polynomials in all of space; splat.h multiplies it
-// by the derivative of the normalisation, which projects it onto the sphere.
+// The direction d is a unit vector. The gradient with respect to d is computed as if d could be any vector. splat.h
+// multiplies it by the derivative of the normalisation, which projects it onto the sphere.
 #pragma once
 
 typedef struct {
@@ -123,7 +123,8 @@ UBS_FN Lobe lobe_seen(vreal theta, vreal phi, vreal raw_beta, Vec3 d) {
   return b;
 }
 
-// softplus_k, the softplus function with the sharpness k = 10 ln 2. A raw colour of 0 gives 0.1.
+// These functions compute softplus_k, the softplus function with the sharpness k = 10 ln 2, and its derivative. A raw
+// colour of 0 gives 0.1.
 #define UBS_LOBE_SHARPNESS V(6.9314718055994530942)
 UBS_FN vreal lobe_colour(vreal raw) { return ubs_softplus(UBS_LOBE_SHARPNESS * raw) / UBS_LOBE_SHARPNESS; }
 UBS_FN vreal lobe_colour_slope(vreal raw) { return ubs_sigmoid(UBS_LOBE_SHARPNESS * raw); }

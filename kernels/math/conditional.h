@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Functions that slice a splat at a query (view direction, time, ...), which means to condition it on the query. The
-// results are the offset of the splat's mean, the matrix that shrinks its spatial covariance, and the attenuation of
-// its opacity. All three are computed from the same triangular factor (method.md 2.3, 2.4, 3.3).
+// The functions of this file slice a splat at a query (view direction, time, ...), which means to condition it on the
+// query. The results are the offset of the splat's mean, the matrix that shrinks its spatial covariance, and the
+// attenuation of its opacity. All three are computed from the same triangular factor (method.md 2.3, 2.4, 3.3).
 //
 // Everything is expressed in the splat's own frame M (covariance.h), where Sigma_x is the identity and the query
 // coupling is B (C rows of length N, [Lqx, Lq] or dense):
@@ -36,8 +36,8 @@ typedef struct {
   vreal e[UBS_C][UBS_C];
 } QueryMat;
 
-// The inputs of the slice, after the activation functions. With direct conditioning, `b` has other contents, which
-// direct.h describes.
+// SliceInput holds the inputs of the slice, after the activation functions. With direct conditioning, `b` has other
+// contents, which direct.h describes.
 typedef struct {
   vreal b[UBS_C][3 + UBS_C];  // B; entries right of the diagonal of Lq are zero
   QueryVec x;                 // query - mean
@@ -45,7 +45,7 @@ typedef struct {
   QueryVec weight;            // bt = min(exp(b_q), 1); 1 for variants without weights
 } SliceInput;
 
-// The intermediate results that the backward pass needs.
+// Slice holds the intermediate results that the backward pass needs.
 typedef struct {
 #if !UBS_DIRECT
   QueryMat lh;                // lower triangle, positive diagonal
@@ -316,8 +316,9 @@ UBS_FN SliceVjp slice_vjp(SliceInput in, Slice s, FrameVec v_k, FrameMat v_shrin
 }
 
 #if UBS_F == 3
-// A second way to compute K, for strongly coupled splats. If a query scale is only the fraction 1/t of its row and its
-// weight is 1 or nearly 1, K has eigenvalues of t^-2, but I - U^T Y has an absolute error of 1e-7.
+// The following functions compute K in a second way, for strongly coupled splats. If a query scale is only the fraction
+// 1/t of its row and its weight is 1 or nearly 1, K has eigenvalues of t^-2, but I - U^T Y has an absolute error of
+// 1e-7.
 // If all weights are 1, K is the leading block of I - B^+ B, the projection onto the null space of B. So K = W^T W,
 // where [W, Z] is an orthonormal basis of this null space, computed by Householder reflections of the rows of B. W has
 // an absolute error of 1e-7, and so have its small singular values t^-1. With the frame M W^T, the splat can then be
@@ -375,7 +376,7 @@ UBS_FN FrameMap coupled_frame(FrameMap m, CoupledFactor k) {
   return out;
 }
 
-// The factorisation W = Q R. The columns of Q are orthonormal, and R is upper triangular.
+// CoupledInverse holds the factorisation W = Q R. The columns of Q are orthonormal, and R is upper triangular.
 typedef struct {
   vreal q[3][3];
   vreal r01, r02, r12, pivot[3];  // the entries of R above the diagonal, and its diagonal
@@ -448,9 +449,9 @@ UBS_FN CoupledWeights coupled_weights(Slice s, CoupledFactor k, QueryVec below) 
   return out;
 }
 
-// The gradient v_K with respect to K or K', stored as factors: v_K = h^T W h + m^T S m, where m is the frame, h = t m,
-// and S is a skew matrix. The factors are kept, because in the entries of v_K the part of a short axis would be lost in
-// the rounding errors of the part of a long axis.
+// ShrinkVjp holds the gradient v_K with respect to K or K', stored as factors: v_K = h^T W h + m^T S m, where m is the
+// frame, h = t m, and S is a skew matrix. The factors are kept, because in the entries of v_K the part of a short axis
+// would be lost in the rounding errors of the part of a long axis.
 typedef struct {
   vreal h[2][3], t[2][3], w00, w01, w11;
   vreal turn[3];  // the entries S_01, S_02 and S_12
@@ -468,8 +469,8 @@ UBS_FN Vec3 shrink_turn(ShrinkVjp v, vreal m0, vreal m1, vreal m2) {
 typedef struct {
   FrameMap m;
   FrameVec along;             // sum over r of v_M_rc M_rc
-  vreal b[UBS_C][3 + UBS_C];  // the part that goes through W and K'
-  QueryVec weight;            // the part that goes through K'
+  vreal b[UBS_C][3 + UBS_C];  // the part of the gradient of B that goes through W and K'
+  QueryVec weight;            // the part of the gradient of the weights that goes through K'
 } CoupledVjp;
 
 // Returns the gradients of the inputs of coupled_frame() and coupled_weights(). v is the gradient of the frame M W^T,

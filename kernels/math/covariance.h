@@ -9,8 +9,8 @@
 // UBS_F = 3.
 #pragma once
 
-// kFrameRots is the number of raw rotation parameters that the frame depends on. frame_row(m) returns the parameter row
-// of number m of them.
+// kFrameRots is the number of raw rotation parameters that the frame depends on. frame_row(m) returns the row of the
+// m-th of these parameters, counted from 0.
 #if UBS_COV_PARAM == UBS_COV_SKEW_ND
 #define UBS_F UBS_N
 enum { kFrameRots = 3 + 3 * UBS_C };
@@ -33,7 +33,7 @@ typedef struct {
   vreal e[UBS_F][UBS_F];
 } FrameMat;
 
-// Raw parameters of the frame. Their gradients use the same struct.
+// FrameRaw holds the raw parameters of the frame. Their gradients use the same struct.
 typedef struct {
   vreal rotation[kFrameRots];
   vreal scale[UBS_F];

@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // Determines which blocks of 4x4 pixels in a tile are reached by a splat. Each lane of a vector processes one splat. A
-// splat reaches a block if r < `reach` at a point of the rectangle that the block's pixel centres span. r is the squared distance to
-// the mean (math/blend.h), and `reach` is the r at which the support ends, or at which alpha falls below its limit. The
-// test computes the smallest r over the rectangle, so it is exact except for the margin UBS_CULL_MARGIN.
+// splat reaches a block if r < `reach` at a point of the rectangle that the block's pixel centres span. r is the
+// squared distance to the mean (math/blend.h), and `reach` is the r at which the support ends, or at which alpha
+// becomes too small to contribute to a pixel. The test computes the smallest r over the rectangle, so it is exact
+// except for the margin UBS_CULL_MARGIN.
 // d is the mean of the splat minus a point. In a block, each coordinate of d has values from c - 1.5 to c + 1.5, where
 // c is its value at the centre of the block.
 #pragma once

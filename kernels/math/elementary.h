@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// Exponentials, logarithms, softplus and sigmoid of vreal. They are accurate even where the plain formulas would suffer
-// from cancellation. For float vectors with several lanes, which are used on CPUs, the functions are polynomials
-// defined here. The reason is that PoCL splits log, log2 and pow into scalar calls, which is 17 times slower with 16
-// lanes, and that its exp is slower as well. In all other cases, the functions call those of the library.
+// elementary.h defines exponentials, logarithms, softplus and sigmoid of vreal. They are accurate even where the plain
+// formulas would suffer from cancellation. For float vectors with several lanes, which are used on CPUs, the functions
+// are polynomials defined here. The reason is that PoCL splits log, log2 and pow into scalar calls, which is 17 times
+// slower with 16 lanes, and that its exp is slower as well. In all other cases, the functions call those of the
+// library.
 #pragma once
 
 #if defined(UBS_OPENCL) && !defined(UBS_REAL_DOUBLE) && UBS_VW > 1
@@ -186,9 +187,9 @@ UBS_FN vreal ubs_exp(vreal x) { return x <= V(88.37) ? exp_falling(x) : x * (vre
 #else
 // This part is for single floats, which are used on GPUs with OpenCL and CUDA. On GPUs the native functions are single
 // instructions. According to the specification of PTX, native_exp2 and native_log2 have relative errors of at most
-// 2^-22, except that the error of native_log2 near 1 is absolute. The relative error of native_recip is at most
-// 2^-23; on AMD its error is at most 1 ulp. OpenCL leaves the accuracy to the device, and ubs checks the device before its first use. On CPUs the host
-// replaces the native functions by exp2 and log2.
+// 2^-22, except that the error of native_log2 near 1 is absolute. The relative error of native_recip is at most 2^-23;
+// on AMD its error is at most 1 ulp. OpenCL leaves the accuracy to the device, and ubs checks the device before its
+// first use. On CPUs the host replaces the native functions by exp2 and log2.
 #ifdef UBS_OPENCL
 #define ubs_exp(x) exp(x)
 #define ubs_log(x) log(x)

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Functions for the support ellipse of a splat on the image (method.md 2.5, 3.2). The forward functions compute the
-// covariance, the determinant and the conic of the ellipse from the frame M of the splat and the matrix K that shrinks
-// its covariance (conditional.h). The backward functions compute the gradients of M, of K and of the linearised
-// projection.
+// The functions of this file compute the support ellipse of a splat on the image (method.md 2.5, 3.2). The forward
+// functions compute the covariance, the determinant and the conic of the ellipse from the frame M of the splat and the
+// matrix K that shrinks its covariance (conditional.h). The backward functions compute the gradients of M, of K and of
+// the linearised projection.
 //
 // With the linearised projection T = J R_wc the ellipse is B = T V T^T + eps I with V = M K M^T. (With `cov_mode
 // upper`, the upper triangle of V is mirrored to the lower one.) For a thin ellipse, det B = ac - b^2 is far smaller
@@ -27,12 +27,12 @@ enum {
   kSkewed = (UBS_C > 1) & !UBS_DIRECT & !UBS_WHITEN,
 };
 
-// A symmetric 2 x 2 matrix.
+// Sym2 is a symmetric 2 x 2 matrix.
 typedef struct {
   vreal a, b, c;  // [[a, b], [b, c]]
 } Sym2;
 
-// A map from the world or from the frame to the image plane.
+// ImageMap is a linear map from the world or from the frame to the image plane.
 typedef struct {
   vreal e[2][3];
 } ImageMap;
@@ -47,8 +47,8 @@ typedef struct {
   ImageFrame a;      // A = T M
   vreal skew[3];     // entries 01, 02 and 12 of M K_a M^T; only with kSkewed
   Sym2 mirrored;     // E; only with kSkewed
-  // Only with UBS_ANTIALIAS: the square root of the determinant without eps2d, divided by `det`. The opacity is
-  // multiplied by it, to compensate for the area that the blur adds.
+  // Only with UBS_ANTIALIAS: the square root of the quotient of the determinant without eps2d and `det`. The opacity is
+  // multiplied by this value, to compensate for the area that the blur adds.
   vreal compensation;
 } Ellipse;
 
@@ -111,7 +111,7 @@ UBS_FN vreal frame_determinant(ImageFrame a, ImageFrame ak, FrameMat k, Sym2 s) 
   vreal adj22 = k.e[0][0] * k.e[1][1] - k01 * k01;
   if (UBS_F == 3)
     return n0 * (adj00 * n0 + V(2.0) * (adj01 * n1 + adj02 * n2)) + n1 * (adj11 * n1 + V(2.0) * adj12 * n2) +
-           n2 * (n2 * adj22);  // with K = I, this order gives bit-identical results to n0^2 + n1^2 + n2^2
+           n2 * (n2 * adj22);  // with K = I, this order gives exactly the bits of n0^2 + n1^2 + n2^2
   FrameVec rest = frame_rest(a, ak);
   vreal square = V(0.0), inv_c = V(1.0) / (s.c > V(0.0) ? s.c : V(1.0));
   UBS_UNROLL for (int j = 0; j < UBS_F; ++j) {
@@ -181,7 +181,8 @@ UBS_FN Ellipse ellipse_on_image(ImageMap t, FrameMap m, FrameMat k, real eps2d) 
   return out;
 }
 
-// The triangular factor L of the conic Q = cov^-1. Q = L^T L = [[l00^2, l00 l01], [l00 l01, l01^2 + l11^2]].
+// ConicFactor is the triangular factor L of the conic Q = cov^-1, so that
+//   Q = L^T L = [[l00^2, l00 l01], [l00 l01, l01^2 + l11^2]].
 typedef struct {
   vreal l00, l01, l11;
 } ConicFactor;
@@ -194,10 +195,10 @@ UBS_FN ConicFactor conic_factor(Sym2 cov, vreal det) {
   return f;
 }
 
-// The gradient of the ellipse in its own coordinates. It is a symmetric matrix W. If B changes by dB, the loss changes
-// by the sum of the products of the entries of W and of L dB L^T, where L is the factor of the conic. So v_B = L^T W L
-// and v_Q = -L^-1 W L^-T. The entries of W stay moderate even for very thin ellipses, whereas in v_B and v_Q the short
-// axis is lost in the rounding errors of the long axis.
+// EllipseVjp is the gradient of the ellipse in its own coordinates. It is a symmetric matrix W. If B changes by dB, the
+// loss changes by the sum of the products of the entries of W and of L dB L^T, where L is the factor of the conic. So
+// v_B = L^T W L and v_Q = -L^-1 W L^-T. The entries of W stay moderate even for very thin ellipses, whereas in v_B and
+// v_Q the short axis is lost in the rounding errors of the long axis.
 typedef struct {
   vreal w00, w01, w11;
 } EllipseVjp;

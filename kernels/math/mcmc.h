@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Formulas for relocation, growth and noise of one splat (method.md 4.3). Requires covariance.h.
+// mcmc.h contains the formulas for relocation, growth and noise of one splat (method.md 4.3). It requires covariance.h.
 #pragma once
 
 #if defined(UBS_OPENCL)

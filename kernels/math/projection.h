@@ -4,7 +4,7 @@
 // frame M, and of the matrix K that shrinks the covariance (ellipse.h).
 #pragma once
 
-// The camera of a view. It is the same for all splats of the view.
+// CameraView is the camera of a view. It is the same for all splats of the view.
 typedef struct {
   real rotation[3][3];  // world -> camera
   real centre[3];
@@ -69,7 +69,8 @@ UBS_FN Projected project(CameraView cam, Vec3 r, FrameMap m, FrameMat k) {
   return out;
 }
 
-// The gradient of the camera (rows kCameraGrad* of kernels/layout.h). Only used with UBS_CAMERA_GRAD.
+// CameraVjp is the gradient of the camera (rows kCameraGrad* of kernels/layout.h). It is only used with
+// UBS_CAMERA_GRAD.
 typedef struct {
   vreal e[kCameraGrads];
 } CameraVjp;

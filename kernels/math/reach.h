@@ -14,8 +14,8 @@ UBS_FN vreal splat_reach(vreal opacity, vreal beta) {
   // exponent 20, and the error 7.5e-7 of the logarithm (kernels/math/elementary.h). So a splat cannot contribute to a
   // pixel if the exact alpha is below the limit by more than 2e-5 of the limit.
   real least = (UBS_OPACITY_EXTENTS ? UBS_LEAST_ALPHA : R(1.0)) * (R(1.0) - R(2e-5));
-  // Larger than the rounding errors of the following lines, which are 4e-7 for the Beta kernel and 2.5e-6 for the
-  // Gaussian kernel.
+  // The margin is larger than the rounding errors of the following lines, which are 4e-7 for the Beta kernel and 2.5e-6
+  // for the Gaussian kernel.
   real margin = R(4e-6);
   vreal ratio = ubs_log(opacity * (R(1.0) / least));
   vreal reach = R(2.0) * ratio + margin;

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// The random number generator Philox4x32-10 (Salmon, Moraes, Dror, Shaw, "Parallel random numbers: as easy as 1, 2, 3",
-// SC 2011). Its random words are a pure function of (seed, iteration, purpose, index). It has no state, so that any
-// number of threads and any device produce the same random numbers. The lanes of a vector have different indices.
+// rng.h contains the random number generator Philox4x32-10 (Salmon, Moraes, Dror, Shaw, "Parallel random numbers: as
+// easy as 1, 2, 3", SC 2011). Its random words are a pure function of (seed, iteration, purpose, index). It has no
+// state, so that any number of threads and any device produce the same random numbers. The lanes of a vector have
+// different indices.
 #pragma once
 
 #if defined(UBS_OPENCL)
@@ -55,7 +56,7 @@ typedef struct {
 } RandomNormals;
 
 // Returns four independent standard normals, computed from four words by the method of Box and Muller. No result
-// exceeds 6.66 in magnitude, because the smallest uniform number is 2^-33.
+// exceeds 6.77 in magnitude, because the smallest uniform number is 2^-33.
 UBS_FN RandomNormals random_normals(RandomWords words) {
   vreal radius0 = ubs_sqrt(V(-2.0) * ubs_log(random_uniform(words.x)));
   vreal radius1 = ubs_sqrt(V(-2.0) * ubs_log(random_uniform(words.z)));

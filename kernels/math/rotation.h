@@ -31,8 +31,8 @@ typedef struct {
 
 #if UBS_ROT_MODE == UBS_ROT_QUATERNION
 
-// A quaternion that is shorter than this is divided by this length instead of its own. For shorter and shorter
-// quaternions, R then tends to I.
+// A quaternion that is shorter than this is divided by this length instead of its own. As the length of a quaternion
+// approaches 0, R then approaches I.
 #define UBS_QUATERNION_MIN R(1e-12)
 
 UBS_FN vreal quaternion_length(RotationRaw raw) {
@@ -105,7 +105,7 @@ UBS_FN Mat3 rotation_matrix(RotationRaw raw) {
 
 #else
 
-// The functions f and g, and their derivatives with respect to t.
+// RotationFactors holds the functions f and g, and their derivatives with respect to t.
 typedef struct {
   vreal f, g, df, dg;
 } RotationFactors;

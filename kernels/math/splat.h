@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// All computations for one splat in one view. splat_image() computes the values that the rasteriser needs from the raw
-// parameters, and splat_vjp() computes the gradient of the raw parameters from the gradient of these values. They
-// combine the functions of covariance.h, conditional.h (or direct.h), projection.h and colour.h. UBS_N
+// splat.h contains all computations for one splat in one view. splat_image() computes the values that the rasteriser
+// needs from the raw parameters, and splat_vjp() computes the gradient of the raw parameters from the gradient of these
+// values. They combine the functions of covariance.h, conditional.h (or direct.h), projection.h and colour.h. UBS_N
 // (kernels/layout.h) sets the number of dimensions N, and the macros of kernels/variant.h select the variant of the
 // method.
 #pragma once
@@ -49,7 +49,7 @@ typedef struct {
   FrameMap m;
   FrameMat shrink;
 #ifdef UBS_COUPLED_FACTOR
-  vmask coupled;   // ThinSplats.coupled, and the sum of |K'| is below UBS_COUPLED_SHRINK
+  vmask coupled;   // ThinSplats.coupled is true, and the sum of |K'| is below UBS_COUPLED_SHRINK
   QueryVec below;  // 1 - weight, without cancellation
 #endif
   vreal opacity;   // base opacity o
@@ -178,7 +178,8 @@ UBS_FN Vec3 direction_rest(Vec3 w, vreal rho, Vec3 d) {
   return rest;
 }
 
-// 1 if the raw query betas are used only for the weights. Then the weights are their sigmoids.
+// 1 if, with direct conditioning, the raw query betas are used only for the weights. In this case the weights are the
+// sigmoids of the raw betas.
 enum { kLearntWeights = UBS_DIRECT ? UBS_BETA_OPACITY != UBS_BETA_OPACITY_TANH : 0 };
 
 // Computes the inputs of the slice. `rest` is the rounding error of the direction; it is only read if `thin` is 1.
@@ -404,7 +405,7 @@ UBS_FN SplatImage splat_image(SplatRaw raw, SplatState s) {
   return out;
 }
 
-// The gradient of the loss with respect to the values of SplatImage that the rasteriser has used.
+// SplatImageVjp is the gradient of the loss with respect to the values of SplatImage that the rasteriser has used.
 typedef struct {
   vreal x, y;
   EllipseVjp ellipse;

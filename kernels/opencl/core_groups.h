@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 // Assigns work-groups to the cores of a CPU. A core gets the same share of a kernel's work-groups in every launch. When
-// it has finished its own share, it helps the other cores. Without this, PoCL gives the first half of the groups to the
-// thread that asks first, so that data which one kernel writes and the next one uses move between the caches of the
-// cores. This header is only used if UBS_CORES is defined; dialect/entry.h has the definitions for other kernels.
-// `claims` contains a counter for each core, in a separate cache line. It is the number of groups that have already
-// been taken from the share of the core, and must be zero before the launch. `next_claims` contains the counters of the
-// next launch, which this launch sets to zero. A group consists of one OpenCL work-item, because PoCL would duplicate
-// the code of the kernel after a barrier.
+// it has finished its own share, it helps the other cores. Without this, PoCL gives a quarter to a half of the groups
+// to the thread that asks first, so that data which one kernel writes and the next one uses move between the caches of
+// the cores. This header is only used if UBS_CORES is defined; dialect/entry.h has the definitions for other kernels.
+// `claims` contains a counter for each core, in a separate cache line. The counter is the number of groups that have
+// already been taken from the share of the core, and must be zero before the launch. `next_claims` contains the
+// counters of the next launch, which this launch sets to zero. A group consists of one OpenCL work-item, because PoCL
+// would duplicate the code of the kernel after a barrier.
 enum { kClaimStride = 16 };
 #ifndef UBS_CORE_GROUP_ITEMS
 #define UBS_CORE_GROUP_ITEMS 16  // number of items of a kernel that a group processes one after the other

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Functions that compute sums over the 256 work-items of a work-group through local memory. Sub-groups are not used,
-// because their width is unknown and PoCL does not have them. UBS_SUM is the type of the sum, an unsigned integer type.
-// On overflow, the sum wraps.
+// The functions of this file compute sums over the 256 work-items of a work-group through local memory. Sub-groups are
+// not used, because their width is unknown and PoCL does not have them. UBS_SUM is the type of the sum, an unsigned
+// integer type. On overflow, the sum wraps.
 #pragma once
 
 enum { kGroup = 256 };

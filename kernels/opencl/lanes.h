@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Functions that convert the lanes of a vmask to bits and find the lowest set bit. With PoCL they are one or two
-// compiler built-ins. Otherwise the conversion is a tree of bitwise ORs.
+// The functions of this file convert the lanes of a vmask to bits and find the lowest set bit. With PoCL they are one
+// or two compiler built-ins. Otherwise the conversion is a tree of bitwise ORs.
 #pragma once
 
 // Returns the lanes as a bit mask. Bit i is set if lane i is true.
@@ -37,7 +37,7 @@ UBS_FN uint lane_bits(vmask m) {
 }
 #endif
 
-// Return the index of the lowest set bit. `bits` must not be 0.
+// These functions return the index of the lowest set bit. `bits` must not be 0.
 #ifdef UBS_POCL  // one instruction instead of four
 UBS_FN int lowest_bit(ulong bits) { return __builtin_ctzl(bits); }
 UBS_FN int lowest_bit32(uint bits) { return __builtin_ctz(bits); }

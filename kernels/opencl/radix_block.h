@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Functions for a radix sort on GPUs (radix_sort.cl, tile_lists.cl). It starts with the least significant digit and
-// sorts by a digit of 8 bits in each pass. One work-group processes a block of kRadixBlock elements.
+// The functions of this file are parts of a radix sort on GPUs (radix_sort.cl, tile_lists.cl). The sort starts with the
+// least significant digit, and sorts by a digit of 8 bits in each pass. One work-group processes a block of kRadixBlock
+// elements.
 enum {
   kRadixItems = 8,
   kRadixBlock = kGroup * kRadixItems,

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The kernels of one pass of a radix sort for GPUs. They run in this order: radix_histogram computes a histogram of
-// (digit, block), radix_rows computes prefix sums along its rows, and radix_scatter moves the elements. The first pass
-// of each sort is combined with the kernels that make its keys (tile_lists.cl).
+// This file contains the kernels of one pass of a radix sort for GPUs. They run in this order: radix_histogram computes
+// a histogram of (digit, block), radix_rows computes prefix sums along its rows, and radix_scatter moves the elements.
+// The first pass of each sort is combined with the kernels that make its keys (tile_lists.cl).
 // The sort is stable: ranks inside a block are prefix sums in the order of the elements, and never depend on the order
 // of atomic operations.
 

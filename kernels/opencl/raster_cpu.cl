@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// Rasteriser for CPUs. One work-item processes one tile of 16x16 pixels, without barriers. The pixels of a tile form
-// blocks of 4x4. A block is processed in 16 / UBS_VW parts, each of which is a vector of UBS_VW lanes. The splats of a
-// tile are processed in chunks of 64. For each chunk and each block, a word of 64 bits contains the set of those splats
-// whose ellipse reaches the block, and only these are blended. The forward pass also stores which open blocks of the
-// tile a splat reaches; the backward pass visits only these blocks. Loops over parts have UBS_UNROLL, because otherwise
-// structs are copied by calls of memcpy, which doubles the time with 8 lanes. docs/performance.md describes the
-// structure and measurements.
+// This file contains the rasteriser for CPUs. One work-item processes one tile of 16x16 pixels, without barriers. The
+// pixels of a tile form blocks of 4x4. A block is processed in 16 / UBS_VW parts, each of which is a vector of UBS_VW
+// lanes. The splats of a tile are processed in chunks of UBS_CHUNK splats. For each chunk and each block, a word of 64
+// bits contains the set of those splats whose ellipse reaches the block, and only these are blended. The forward pass
+// also stores which open blocks of the tile a splat reaches; the backward pass visits only these blocks. Loops over
+// parts have UBS_UNROLL, because otherwise structs are copied by calls of memcpy, which doubles the time with 8 lanes.
+// docs/performance.md describes the structure and measurements.
 
 enum {
   kBlock = 4,
@@ -13,8 +13,8 @@ enum {
   kBlocks = kBlocksX * kBlocksX,
   kParts = kBlock * kBlock / UBS_VW,
 };
-// Tuned constants (host/opencl/opencl_tuning.cpp). UBS_CHUNK is the number of splats of a chunk. It is a multiple of
-// UBS_VW, and at most 64, the number of bits of a word.
+// The following constants are tuned (host/opencl/opencl_tuning.cpp). UBS_CHUNK is the number of splats of a chunk. It
+// is a multiple of UBS_VW, and at most 64, the number of bits of a word.
 #ifndef UBS_CHUNK
 #define UBS_CHUNK 64
 #endif
@@ -43,7 +43,8 @@ UBS_FN int tile_of_group(uint group, uint tiles) {
 // Returns the centre of column i or row i of blocks, relative to the tile's corner [px].
 UBS_FN float block_centre(int i) { return (float)(i * kBlock) + 0.5f * kBlock; }
 
-// Return the x or y coordinates of the pixel centres of a part of a block, relative to the block's corner.
+// part_x() and part_y() return the coordinates of the pixel centres of a part of a block, relative to the block's
+// corner [px].
 UBS_FN vreal part_x(int part) {
   float x[UBS_VW];
   for (int lane = 0; lane < UBS_VW; ++lane) x[lane] = (float)((part * UBS_VW + lane) % kBlock) + 0.5f;
@@ -55,8 +56,8 @@ UBS_FN vreal part_y(int part) {
   return UBS_LOAD(y);
 }
 
-// The pixel centres of the block columns and block rows of a tile. Both passes use the same table, because the backward
-// pass must compute alphas that are bit-identical to those of the forward pass.
+// Centres holds the pixel centres of the block columns and block rows of a tile. Both passes use the same table,
+// because the backward pass must compute alphas that are bit-identical to those of the forward pass.
 typedef struct {
   vreal x[kBlocksX][kParts], y[kBlocksX][kParts];
 } Centres;
@@ -366,7 +367,8 @@ UBS_FN float16 fold_sums(BlendSums s) {
 typedef struct {
   vreal x[kParts], y[kParts];
   vreal open[kParts];
-  vreal remaining[kParts];  // dot product of the gradient and the colour of the splats that follow
+  // Dot product of the gradient and the colour that the splats that follow and the background contribute.
+  vreal remaining[kParts];
   vreal v_r[kParts], v_g[kParts], v_b[kParts];
   vreal unused[kParts];  // pads the struct to a power of two
 } Gradients;

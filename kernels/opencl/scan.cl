@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// The kernels of an exclusive prefix sum for GPUs. One work-group processes a block of `block` elements, which is a
-// multiple of kGroup. scan_sums computes the sums of the blocks, then scan_write writes the result. UBS_SCAN_IN is the
-// type of the elements and UBS_SUM the type of the sums, which wrap on overflow. `out` has count + 1 elements, the last
-// of which is the total. `out` may be the same buffer as `in`.
+// This file contains the kernels of an exclusive prefix sum for GPUs. One work-group processes a block of `block`
+// elements, which is a multiple of kGroup. scan_sums computes the sums of the blocks, then scan_write writes the
+// result. UBS_SCAN_IN is the type of the elements and UBS_SUM the type of the sums, which wrap on overflow. `out` has
+// count + 1 elements, the last of which is the total. `out` may be the same buffer as `in`.
 
 __kernel __attribute__((reqd_work_group_size(kGroup, 1, 1))) void scan_sums(
     __global const UBS_SCAN_IN* in, uint count, uint block, __global UBS_SUM* sums) {

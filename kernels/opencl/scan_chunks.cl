@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The kernels of an exclusive prefix sum for CPUs, with the same names and arguments as those for GPUs in scan.cl. One
-// work-item processes a chunk of `block` elements. Work-groups have one work-item, so that the compiler vectorises the
-// loops. UBS_SCAN_IN is the type of the elements and UBS_SUM the type of the sums.
+// This file contains the kernels of an exclusive prefix sum for CPUs. They have the same names and arguments as those
+// for GPUs in scan.cl. One work-item processes a chunk of `block` elements. Work-groups have one work-item, so that the
+// compiler vectorises the loops. UBS_SCAN_IN is the type of the elements and UBS_SUM the type of the sums.
 
 __kernel __attribute__((reqd_work_group_size(1, 1, 1))) void scan_sums(
     __global const UBS_SCAN_IN* restrict in, uint count, uint block, __global UBS_SUM* restrict sums) {

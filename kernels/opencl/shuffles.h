@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Functions that rearrange the lanes of two vectors a and b. The first four work within each group of four lanes:
+// The functions of this file rearrange the lanes of two vectors a and b. The first four work within each group of four
+// lanes and return:
 // - unpack_low: a0 b0 a1 b1; unpack_high: a2 b2 a3 b3
 // - pairs_low: a0 a1 b0 b1; pairs_high: a2 a3 b2 b3
 // They list every lane separately, because then they compile to the CPU's unpack instructions, which take one cycle.
@@ -20,14 +21,14 @@ UBS_FN float16 pairs_low(float16 a, float16 b) {
 UBS_FN float16 pairs_high(float16 a, float16 b) {
   return (float16)(a.s2, a.s3, b.s2, b.s3, a.s6, a.s7, b.s6, b.s7, a.sa, a.sb, b.sa, b.sb, a.se, a.sf, b.se, b.sf);
 }
-// Interleave the lanes of two vectors across their whole length.
+// These functions interleave the lanes of two vectors across their whole length.
 UBS_FN float16 interleave_low(float16 a, float16 b) {
   return (float16)(a.s0, b.s0, a.s1, b.s1, a.s2, b.s2, a.s3, b.s3, a.s4, b.s4, a.s5, b.s5, a.s6, b.s6, a.s7, b.s7);
 }
 UBS_FN float16 interleave_high(float16 a, float16 b) {
   return (float16)(a.s8, b.s8, a.s9, b.s9, a.sa, b.sa, a.sb, b.sb, a.sc, b.sc, a.sd, b.sd, a.se, b.se, a.sf, b.sf);
 }
-// Return the groups of four lanes with even numbers, or those with odd numbers, of both vectors.
+// These functions return the groups of four lanes with even numbers, or those with odd numbers, of both vectors.
 UBS_FN float16 even_fours(float16 a, float16 b) {
   return (float16)(a.s0, a.s1, a.s2, a.s3, a.s8, a.s9, a.sa, a.sb, b.s0, b.s1, b.s2, b.s3, b.s8, b.s9, b.sa, b.sb);
 }

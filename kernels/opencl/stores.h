@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Replacements for the functions vstore8 and vstore16 of PoCL, which split the vector into stores of 16 bytes. For a
-// float16, PoCL needs seven instructions instead of one. Besides, a load of the whole vector soon afterwards has to
+// stores.h replaces the functions vstore8 and vstore16 of PoCL, which split the vector into stores of 16 bytes. For a
+// float16, PoCL needs seven instructions instead of one. In addition, a load of the whole vector soon afterwards has to
 // wait until all four parts are in the cache.
 #ifdef UBS_POCL
 #define UBS_DEFINE_VSTORE(space, type, width)                                           \

@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// The kernels that build the tile lists on CPUs. Work-groups have one work-item, which processes a chunk of consecutive
-// elements. The splats are sorted by depth with a radix sort, starting with the least significant digit; its first pass
-// is combined with counting. Then one stable counting sort orders the intersections by tile. It visits the rectangles
-// of the depth-ordered splats twice, first to count and then to place the intersections, so that no list of unsorted
-// intersections is ever written. Histograms have the shape (chunk, bin), so that the row of a chunk stays in the cache
-// of its core. The elements that are sorted by depth are words of 64 bits with the depth key in the upper half and the
-// index of the splat in the lower half, so that each bin needs only one open cache line.
+// This file contains the kernels that build the tile lists on CPUs. Work-groups have one work-item, which processes a
+// chunk of consecutive elements. The splats are sorted by depth with a radix sort, starting with the least significant
+// digit; its first pass is combined with counting. Then one stable counting sort orders the intersections by tile. It
+// visits the rectangles of the depth-ordered splats twice, first to count and then to place the intersections, so that
+// no list of unsorted intersections is ever written. Histograms have the shape (chunk, bin), so that the row of a chunk
+// stays in the cache of its core. The elements that are sorted by depth are words of 64 bits with the depth key in the
+// upper half and the index of the splat in the lower half, so that each bin needs only one open cache line.
 #define UBS_CHUNK_KERNEL __kernel __attribute__((reqd_work_group_size(1, 1, 1)))
 
 // Number of scattered words that are written in one batch. For each batch, all places are computed and prefetched

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The kernels that build the tile lists on GPUs, together with those of radix_sort.cl. They select the visible splats,
-// write (tile, splat, slot) in depth order, and find the first intersection of each tile. They also do the first pass
-// of each sort.
+// This file contains the kernels that, together with those of radix_sort.cl, build the tile lists on GPUs. They select
+// the visible splats, write (tile, splat, slot) in depth order, and find the first intersection of each tile. They also
+// do the first pass of each sort.
 
 // For each block of splats, computes the histogram of the first digit of the depth keys of its visible splats, in the
 // layout of radix_histogram, and the number of tiles of these splats (sums[block]).
@@ -52,8 +52,8 @@ __kernel __attribute__((reqd_work_group_size(kGroup, 1, 1))) void count_rows(
 }
 
 // These functions pack the number of visible splats and the number of their tiles into one value, so that one sum over
-// the work-group is enough. The number of tiles is in the lower 44 bits. It fits, because a block has 2048 splats with
-// less than 2^32 tiles each.
+// the work-group is enough. The number of tiles is in the lower 44 bits. These are sufficient, because a block has 2048
+// splats with fewer than 2^32 tiles each.
 UBS_FN ulong one_drawn(void) { return 1ul << 44; }
 UBS_FN ulong packed_counts(uint tiles) { return tiles > 0 ? one_drawn() + tiles : 0; }
 

@@ -91,7 +91,7 @@ def psnr(params: dict[str, Any], views: Views) -> float:
 
 def train(data: ubs.Dataset, strategy: str, steps: int, gaussians: int, most: int) -> dict[str, Any]:
     """Returns the trained parameters. The initial number of Gaussians is the number of points of the data, or
-    `gaussians` if the data have no points. With "mcmc" it grows to at most `most`."""
+    `gaussians` if the data have no points. With "mcmc", the number grows to at most `most`."""
     torch.manual_seed(0)
     views = Views(data.train)
     extent = views.extent()
@@ -143,7 +143,7 @@ def main(arguments: Optional[list[str]] = None) -> None:
     data = ubs.Dataset.open(given.data) if given.data else ubs.synth("glossy")
     params = train(data, given.strategy, given.steps, given.gaussians, given.cap_max)
     test = data.test or data.train
-    print(f"PSNR {psnr(params, Views(test)):.2f} dB of {len(test)} views with {len(params['means'])} Gaussians")
+    print(f"PSNR {psnr(params, Views(test)):.2f} dB over {len(test)} views with {len(params['means'])} Gaussians")
 
 
 if __name__ == "__main__":

@@ -5,8 +5,9 @@ The environment variable UBS_EXECUTABLE must contain the path of `ubs`.
 
 The program measures three kinds of calls. The first kind renders into a new array, so its time includes the page faults
 of this array. The second kind renders into an existing array. The third kind leaves the image in the memory of the
-device. The kinds are measured in turn. The minimum of several measurements is reported, because other work on the
-machine can only increase the times. With a model of one splat, almost all of the time is overhead."""
+device. The kinds are measured in turn. The time of a view is the minimum of several measurements, because other work on
+the machine can only increase the times. The program prints the median over up to 20 views. With a model of one splat,
+almost all of the time is overhead."""
 
 from __future__ import annotations
 

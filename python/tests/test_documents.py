@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Runs the examples of docs/python.md and docs/library.md one after the other, with fewer iterations."""
+"""Runs the examples of docs/python.md, docs/gsplat.md and docs/library.md one after the other, with fewer
+iterations."""
 
 from __future__ import annotations
 

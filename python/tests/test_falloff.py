@@ -13,7 +13,8 @@ import pytest
 
 import ubs
 
-# Expressions, and functions that compute log2 of the same falloff for a given beta in NumPy or PyTorch.
+# Expressions, and functions that compute log2 of the same falloff for a given beta in NumPy or PyTorch. ubs.Falloff
+# multiplies an expression without beta by beta, so the functions do the same.
 EXPRESSIONS: dict[str, Callable[[Any, Any, Any], Any]] = {
     "log2_1m(r)": lambda r, beta, m: beta * m.log2(1 - r),
     "log2_1m(r * r)": lambda r, beta, m: beta * m.log2(1 - r * r),

@@ -339,6 +339,7 @@ def test_both_routes_agree(packed: bool, fused_calls: list[bool]) -> None:
 
 
 def test_images_are_differentiated_in_any_order(fused_calls: list[bool]) -> None:
+    """Tests that the gradients of two images do not depend on the order in which they are computed."""
     s, other = case("sh 3"), case("sh 3")
     other["means"] = other["means"] + 0.1
     inputs = [{k: v.clone().requires_grad_(k not in CAMERA) for k, v in t.items()} for t in (s, other)]
@@ -357,6 +358,7 @@ def test_images_are_differentiated_in_any_order(fused_calls: list[bool]) -> None
 
 
 def test_strides_of_harmonics_do_not_matter(fused_calls: list[bool]) -> None:
+    """Tests that the memory layout of the coefficients of spherical harmonics has no effect on their gradients."""
     s, gradients = case("sh 3"), []
     transposed = s["colors"].transpose(1, 2).contiguous().transpose(1, 2)
     assert not transposed.is_contiguous()
@@ -372,6 +374,7 @@ def test_strides_of_harmonics_do_not_matter(fused_calls: list[bool]) -> None:
 
 @pytest.mark.parametrize("change", ["turned", "negative scales", "radius_clip", "absgrad", "near plane of 0"])
 def test_calls_that_the_device_cannot_project(change: str, fused_calls: list[bool]) -> None:
+    """Tests that PyTorch projects the Gaussians in calls that the device does not support."""
     s, options = case("sh 1"), {}
     if change == "turned":
         s["viewmats"][:, :3, :3] *= 1.01
@@ -388,7 +391,7 @@ def within(errors: dict[str, float]) -> None:
     2.8e-6 for depths, 6.0e-6 for the gradient of Ks, and 3.9e-6 for the other gradients."""
     bounds = {"image": 1.1e-6, "alpha": 1.1e-6, "depth": 5.6e-6, "Ks": 1.2e-5}
     for name, error in errors.items():
-        assert error <= bounds.get(name, 7.8e-6), name
+        assert error <= bounds.get(name, 7.8e-6), f"the error of {name} is {error:.1e}, which exceeds its bound"
 
 
 @pytest.mark.parametrize("channels,chunk", [(1, 32), (3, 32), (5, 2)])
@@ -492,6 +495,7 @@ def test_opaque_splats() -> None:
 
 
 def test_batches_are_those_of_single_calls() -> None:
+    """Tests that every scene of a batch gives the same results as in a separate call."""
     s = scene(splats=50, batch=(2, 2))
     s["backgrounds"] = torch.rand(2, 2, 2, 3)
     for packed in (True, False):

@@ -118,6 +118,8 @@ def test_default_resets_opacities_and_counts_radii() -> None:
 
 
 def test_relocation_is_that_of_the_paper() -> None:
+    """Compares relocated() with the formulas of 3D Gaussian Splatting as Markov Chain Monte Carlo (Kheradmand et al.
+    2024)."""
     opacities, scales = torch.tensor([0.9, 0.3, 0.5, 0.99]), torch.ones(4, 3)
     copies = torch.tensor([2, 5, 1, 51])
     opacity, scale = relocated(opacities, scales, copies)
@@ -181,6 +183,7 @@ def test_mcmc_moves_adds_and_shakes() -> None:
 
 
 def test_mistakes_are_refused() -> None:
+    """Tests that wrong parameters, optimisers and arguments raise errors that name them."""
     params, optimizers = learnt(3)
     with pytest.raises(ubs.UsageError, match="quats"):
         DefaultStrategy().check_sanity({k: v for k, v in params.items() if k != "quats"}, optimizers)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Runs the cells of the notebook one after the other, like Jupyter."""
+"""Runs the cells of the notebook python/examples/first_scene.ipynb one after the other, like Jupyter."""
 
 from __future__ import annotations
 

@@ -64,6 +64,7 @@ def test_what_c_would_read_otherwise_is_refused(data: ubs.Dataset, model: ubs.Mo
 
 
 def test_what_would_have_no_effect_is_refused(data: ubs.Dataset, model: ubs.Model, folder: Path) -> None:
+    """Tests that functions reject settings that have no effect on them."""
     for call, what in (
         (lambda: ubs.Renderer(model, iterations=5), "iterations has no effect on a renderer"),
         (lambda: ubs.Renderer(model, kernel="gaussian"), "kernel has no effect on a renderer: a renderer uses"),
@@ -85,6 +86,7 @@ def test_what_would_have_no_effect_is_refused(data: ubs.Dataset, model: ubs.Mode
 
 
 def test_cameras_that_ubs_does_not_have_are_refused(data: ubs.Dataset, model: ubs.Model) -> None:
+    """Tests that matrices with a skew or a wrong last row, and times outside of 0 to 1, are rejected."""
     camera = data.test[0].camera
     k = np.array([[40.0, 0, 20], [0, 40, 20], [0, 0, 1]])
     four = np.vstack([camera.world_to_camera, (0, 0, 0, 1)])
@@ -145,6 +147,8 @@ def test_files_of_unknown_formats_are_not_written(model: ubs.Model, tmp_path: Pa
 
 
 def test_absurd_pictures_are_refused_before_memory_is_taken(data: ubs.Dataset, model: ubs.Model) -> None:
+    """Tests that impossible image sizes raise an error that names the size, and not an error of a failed
+    allocation."""
     camera, renderer = data.test[0].camera, ubs.Renderer(model)
     for side in (100_000, 2_000_000_000, 2**32 + 48, 48 - 2**32):  # ctypes would convert the last two to 48
         absurd = replace(camera, width=side, height=side)
@@ -166,6 +170,7 @@ def test_integers_that_c_would_wrap_are_refused(model: ubs.Model) -> None:
 
 
 def test_pictures_have_whole_pixels(data: ubs.Dataset, model: ubs.Model) -> None:
+    """Tests that the width of an image must be an integer, which may have a type of NumPy."""
     camera = data.test[0].camera
     for width in (48.5, 48.0, float("nan")):  # ctypes would truncate the first one
         with pytest.raises(ubs.UsageError, match="integers"):

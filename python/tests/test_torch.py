@@ -97,6 +97,8 @@ def test_a_gradient_does_not_render_the_image_again(
 
 
 def test_the_drawing_of_jax_renders_once_for_a_gradient(data: ubs.Dataset, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Tests the class Drawing, which ubs.jax uses: a gradient only renders the image again if the image that the device
+    holds cannot be used."""
     model = ubs.train(data, iterations=30, init_points=300, dim=6)
     drawing = Drawing(model, None, False)
     cameras = [view.camera for view in data.test]
@@ -133,6 +135,7 @@ def test_the_drawing_of_jax_renders_once_for_a_gradient(data: ubs.Dataset, monke
 
 
 def test_threads_get_their_own_pictures_and_gradients(data: ubs.Dataset) -> None:
+    """Tests that four threads that use one Splats object get the same images and gradients as a single thread."""
     splats = ubs.torch.Splats(ubs.train(data, iterations=30, init_points=300, dim=6))
     cameras = [view.camera for view in data.test]
 
@@ -158,6 +161,7 @@ def test_threads_get_their_own_pictures_and_gradients(data: ubs.Dataset) -> None
 
 
 def test_parameters_of_one_splat_are_not_spread_over_all(data: ubs.Dataset) -> None:
+    """Tests that a parameter with the values of a single splat is rejected, and not used for all splats."""
     camera = data.test[0].camera
     for name in ("opacity", "xyz"):
         splats = ubs.torch.Splats(ubs.train(data, iterations=1, init_points=50, dim=6))

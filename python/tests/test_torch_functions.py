@@ -122,6 +122,7 @@ def test_a_falloff_agrees_with_float64(text: str) -> None:
 
 
 def test_a_falloff_without_betas_has_those_of_1() -> None:
+    """Tests that a falloff gives the same image without betas as with betas of 1."""
     given = {**ellipses(), "betas": torch.ones(120)}
     image, _ = rasterize(**given, width=WIDTH, height=HEIGHT, falloff="log2_1m(r * r)")
     del given["betas"]
@@ -129,6 +130,7 @@ def test_a_falloff_without_betas_has_those_of_1() -> None:
 
 
 def test_ellipses_may_be_any_number_and_hidden() -> None:
+    """Tests different numbers of ellipses. Also tests that ellipses with negative depths are not rendered."""
     given = ellipses(n=50)
     for count in (50, 0, 3, 400, 10):
         some = {name: value if name == "background" else ellipses(n=max(count, 1))[name][:count] for name, value in given.items()}
@@ -280,6 +282,7 @@ def by_functions(raw: dict[str, Any], camera: ubs.Camera, dim: int, direct: bool
 # of xyz with N = 7.
 @pytest.mark.parametrize("dim, conditioning", [(6, "covariance"), (7, "covariance"), (6, "direct"), (7, "direct")])
 def test_the_functions_together_are_the_method(folder: Path, dim: int, conditioning: str) -> None:
+    """Compares by_functions() with ubs.torch.render(), which implements the whole method."""
     data = ubs.Dataset.open(folder)
     camera = data.test[0].camera.at(0.4)
     raw = raw_parameters(data, dim, conditioning)

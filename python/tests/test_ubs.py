@@ -55,6 +55,7 @@ def test_training_gives_the_bits_of_the_executable(folder: Path, model: ubs.Mode
 
 
 def test_extension_chooses_the_format_in_capitals_too(model: ubs.Model, tmp_path: Path) -> None:
+    """Tests that an extension in capital letters also selects the format of a file."""
     model.save(tmp_path / "MODEL.SPZ")
     assert (tmp_path / "MODEL.SPZ").read_bytes()[:2] == b"\x1f\x8b"
 
@@ -90,6 +91,7 @@ def test_pictures_and_gradients_are_those_of_the_executable(
 
 
 def test_a_picture_can_be_seen_where_it_was_drawn(data: ubs.Dataset, model: ubs.Model) -> None:
+    """Tests that arrays of a renderer can be read and written in the memory of the device, without a copy."""
     renderer, camera = ubs.Renderer(model), data.test[0].camera
     renderer.draw(camera)
     try:
@@ -153,6 +155,7 @@ def test_data_from_arrays(data: ubs.Dataset, model: ubs.Model) -> None:
 
 
 def test_written_parameters_are_drawn(data: ubs.Dataset, model: ubs.Model) -> None:
+    """Tests that a render uses the new values after parameters of a model were changed."""
     camera = data.test[0].camera
     other = model.copy()
     before = other.render(camera)
@@ -436,6 +439,8 @@ def test_data_are_read_with_the_settings_of_their_opening(
 
 
 def test_arrays_are_opaque_and_join_far_data(folder: Path, data: ubs.Dataset, tmp_path: Path) -> None:
+    """Tests that images that are added as arrays count as opaque. Also tests that a view can be added to data whose
+    cameras are far from the origin."""
     made = ubs.Dataset()
     for view in data.train[:2]:
         made.add_view("train", view.camera, view.image)
@@ -453,6 +458,8 @@ def test_arrays_are_opaque_and_join_far_data(folder: Path, data: ubs.Dataset, tm
 
 
 def test_a_process_forked_from_one_with_a_device_says_so(data: ubs.Dataset, model: ubs.Model) -> None:
+    """Tests that functions that need a device raise DeviceError in a forked process. Functions that only use the host
+    must work in this process."""
     camera = data.test[0].camera
     expected = model.render(camera)
     for case in (
@@ -509,6 +516,7 @@ def test_gradients_of_threads_do_not_mix(data: ubs.Dataset, model: ubs.Model) ->
 
 
 def test_a_picture_that_was_not_copied_keeps_its_memory(data: ubs.Dataset, model: ubs.Model) -> None:
+    """Tests that the memory of a render that was not copied is not reused while an array refers to it."""
     camera = data.test[0].camera
     other = replace(camera, width=640, height=480, cx=320, cy=240)
     expected = model.render(camera)
@@ -553,6 +561,7 @@ def test_cameras_views_and_pictures_can_be_compared(data: ubs.Dataset, model: ub
 
 
 def test_a_device_is_named_by_its_index(data: ubs.Dataset, model: ubs.Model) -> None:
+    """Tests that an integer selects a device by its index, and that other types are rejected."""
     camera = data.test[0].camera
     for index in (0, np.int64(0)):
         assert model.renderer(index).device is model.renderer("0").device is not model.renderer().device
@@ -567,6 +576,7 @@ def test_a_device_is_named_by_its_index(data: ubs.Dataset, model: ubs.Model) -> 
 
 
 def test_growth_is_that_of_the_documentation(data: ubs.Dataset) -> None:
+    """Tests the number of splats after a training with growth, with a lower cap_max, and without refinements."""
     few = {"dim": 3, "iterations": 200, "init_points": 500, "init_extent": 1.3}
     assert 11_000 < len(ubs.train(data, **few)) < 13_000
     assert len(ubs.train(data, **few, cap_max=700)) == 700
@@ -580,5 +590,6 @@ def test_the_command_without_an_executable_says_so() -> None:
 
 
 def test_importing_needs_numpy_alone() -> None:
+    """Tests that importing ubs does not import torch or tqdm."""
     code = "import sys, ubs; assert 'torch' not in sys.modules and 'tqdm' not in sys.modules"
     subprocess.run([sys.executable, "-c", code], check=True)

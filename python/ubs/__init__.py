@@ -6,7 +6,8 @@
     model = ubs.train(data, dim=6, iterations=7000)
     image = model.render(data.test[0].camera)        # numpy, (H, W, 3)
 
-Runs on any device with OpenCL or CUDA, including CPUs. ubs.torch and ubs.jax must be imported explicitly."""
+The package runs on any device with OpenCL or CUDA, including CPUs. ubs.torch, ubs.gsplat and ubs.jax must be imported
+explicitly."""
 
 from . import metrics
 from ._abi import version as _version

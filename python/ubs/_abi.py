@@ -368,5 +368,5 @@ _library.ubs_set_log(_log, None)
 
 @atexit.register
 def _no_log() -> None:
-    """Removes the log function, because the library is unloaded after the interpreter has ended."""
+    """Removes the log function, because the library may still write log lines after the interpreter has ended."""
     _library.ubs_set_log(LogFunction(0), None)

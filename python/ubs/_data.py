@@ -189,11 +189,11 @@ class Dataset(_abi.Handle):
     synth() create data sets. len() is the number of all views. An iteration returns the views in the order of these
     splits.
 
-    A copied or unpickled data set opens the same files again, and has copies of the views and points that were
-    added."""
+    A copied or unpickled data set opens the same files again, or creates the same synthetic scene again if its files
+    were temporary. It has copies of the views and points that were added."""
 
     SPLITS = ("train", "test", "val")
-    # A function that opens the files again, and its arguments
+    # A function that opens or creates the files again, and its arguments
     _source: tuple[Callable[[str, dict[str, Any]], Dataset], str, dict[str, Any]] | None = None
     _temporary: Any = None  # the folder of the files, if it is deleted together with the data set
     _points: tuple[npt.ArrayLike, npt.ArrayLike | None] | None = None

@@ -22,7 +22,8 @@ class Drawing:
         self.model = model.copy()
         self.device, self.depth, self.settings = opened(device), depth, settings or {}
         self.names = list(self.model.parameters)
-        self.lock = threading.RLock()  # several calls set values and render, possibly from different threads
+        # Must be held while values are set and an image is rendered from them, because several threads may do this.
+        self.lock = threading.RLock()
         # Identifies the last image: the argument `reason` of _draw() in ubs.torch, or the camera that was passed to
         # draw(). None if the device no longer has the data from which the gradient of this image is computed.
         self.kept: object = None

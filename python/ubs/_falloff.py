@@ -23,12 +23,12 @@ LOG2E = 1 / math.log(2)
 # The maximum length of an expression in C. Expressions are passed in options of the compiler, and drivers limit the
 # length of options.
 MOST_CHARACTERS = 4000
-# The kernels evaluate an expression for r up to END times the support, and its slope for r up to RIM times the support
-# (own_inside() in kernels/math/blend.h).
+# The kernels evaluate an expression for r up to END times the support, and its derivative with respect to r for r up to
+# RIM times the support (own_inside() in kernels/math/blend.h).
 END, RIM = 1 - 1e-6, 1 - 1e-5
 ALPHA_MAX = 0.999  # UBS_ALPHA_MAX of kernels/limits.h
-# The largest allowed absolute error of alpha, and the largest allowed relative error of gradients. The errors observed
-# in the tests are 2.5e-6 and 1.5e-5.
+# The largest allowed absolute error of alpha, and the largest allowed relative error of gradients. The largest errors
+# observed in the tests are 2.5e-6 for alpha and 1.5e-5 for gradients.
 MOST_ERROR = 1e-4, 1e-3
 
 
@@ -206,10 +206,10 @@ class Falloff:
     ellipse, so the ellipse can be that of the standard deviations. For example, with a beta of 1,
     Falloff("-0.7213475 * r", support=11.0889) is a Gaussian that ends at 3.33 standard deviations.
 
-    When a falloff is used for the first time on a device, its kernels are compiled, and their results are compared with
-    float64. A wrong expression raises UsageError. NumericalError is raised if a value between 0 and the support is not
-    finite, if the slope is not the derivative of the expression, or if the results of the device differ from
-    float64."""
+    A wrong expression raises UsageError. The values and the slope are tested for several values of r between 0 and the
+    support, and for several values of beta. NumericalError is raised if one of the values is not finite, or if the
+    slope is not the derivative of the expression. When a falloff is used for the first time on a device, its kernels
+    are compiled, and their results are compared with float64. If they differ too much, NumericalError is raised."""
 
     def __init__(self, log2: str, slope: str | None = None, *, support: float = 1.0) -> None:
         self.log2, self.slope, self.support = log2, slope, float(support)
@@ -266,9 +266,10 @@ class Falloff:
                     )
 
     def check(self, renderer_of: Callable[[Any], Any], model_of: Callable[[int], Any], name: str) -> None:
-        """Renders splats that do not overlap, and compares their alpha and its gradients with float64. `renderer_of`
-        creates a renderer for a model. `model_of` creates an empty model with the given number of flat splats. `name`
-        is the name of the device."""
+        """Renders splats that do not overlap, and compares their alpha and its gradients with float64. Raises
+        NumericalError if they differ by more than MOST_ERROR. `renderer_of` creates a renderer for a model. `model_of`
+        creates a model with the given number of splats, whose raw parameters are all 0. `name` is the name of the
+        device."""
         columns, rows, cell, depth = 4, 3, 24, 96.0
         width, height, n = columns * cell, rows * cell, columns * rows
         k = np.arange(n)

@@ -204,7 +204,7 @@ class Model(_abi.Handle):
 
     def renderer(self, device: DeviceLike = None, *, depth: bool = False, gradients: bool = False) -> Renderer:
         """Returns a renderer with the current values of the model. The model keeps this renderer, and returns it again
-        if the next call has the same arguments."""
+        when this method is called with the same arguments later."""
         where = opened(device)
         flags = (_abi.RENDER_DEPTH if depth else 0) | (_abi.RENDER_GRADIENTS if gradients else 0)
         key = (where, flags)
@@ -225,8 +225,8 @@ class Model(_abi.Handle):
     ) -> FloatArray:
         """Renders a view and returns (H, W, 3), not clamped. `time` replaces that of the camera. `out` is an array
         to render into, which avoids allocating memory for a large image. `copy=False` returns the renderer's own
-        memory, which is valid until the next image of the model. This requires a CPU with PoCL; other devices raise
-        UsageError."""
+        memory, whose content is valid until the model renders its next image. This requires a CPU with PoCL; other
+        devices raise UsageError."""
         renderer = self.renderer(device)
         # If the caller still uses an array of this renderer that has another size, rendering would free the memory of
         # this array. In this case the model creates another renderer.
@@ -244,7 +244,7 @@ _checked_lock = threading.Lock()
 
 
 def _check_falloff(falloff: Falloff, device: Device, raster: str) -> None:
-    """Compares a falloff on a device with float64 before its first use there."""
+    """Compares a falloff with float64 before it is first used with this device and rasteriser."""
 
     def renderer_of(model: Model) -> Renderer:
         renderer = Renderer.__new__(Renderer)
@@ -270,14 +270,16 @@ def _model_of(file: bytes) -> Model:
 
 
 class Renderer(_abi.Handle):
-    """A renderer: the copy of a model on a device. `settings` are settings for rendering, such as background. All other
-    settings have the values that are stored in the model.
+    """Holds a copy of a model on a device, and renders it. `settings` are settings for rendering, such as background.
+    All other settings have the values that are stored in the model.
 
     With `gradients`, the renderer can compute gradients. They include the path through the view direction to the
-    positions of splats. Training and publications ignore this path. The setting query_grad=False ignores it here, too.
+    positions of splats. `ubs train` and the published method ignore this path. The setting query_grad=False ignores it
+    here, too.
 
-    With `absgrad`, which requires `gradients`, vjp() sums the absolute values of the contributions of pixels to the
-    gradient of a splat's position in the image, for x and y separately. This sum is a criterion for densification.
+    With `absgrad`, which requires `gradients`, vjp() and loss() replace the gradient with respect to the position of a
+    splat in the image: they sum the absolute values of the contributions of pixels, for x and y separately. The
+    gradients of "xyz" are computed from these sums, which are a criterion for densification.
 
     `falloff` is a ubs.Falloff, or a text with its expression. It replaces the kernel beta by another function that
     describes how the opacity of splats decreases with the distance from their centre. Model files do not record the
@@ -303,7 +305,7 @@ class Renderer(_abi.Handle):
     def _create(
         self, model: Model, depth: bool, gradients: bool, absgrad: bool, falloff: Falloff | None, settings: dict[str, Any]
     ) -> None:
-        self.capacity = len(model)  # update() takes at most as many splats
+        self.capacity = len(model)  # maximum number of splats of a model that is passed to update()
         self._depth = depth
         self._like: Model | None = model.copy() if gradients else None  # receives gradients; not visible to the caller
         flags = (_abi.RENDER_DEPTH if depth else 0) | (_abi.RENDER_GRADIENTS if gradients else 0)
@@ -318,7 +320,8 @@ class Renderer(_abi.Handle):
         self._v_rgb = 0  # address of the last array "v_rgb" that was returned
         self._kept_size = 0, 0  # size of the last image that was rendered for a gradient
         self._lent: list[weakref.ref[DeviceArray]] = []  # arrays of images that were returned
-        self._lock = threading.RLock()  # makes the several calls for a gradient one step for other threads
+        # Held during the calls of the library that belong together, so that other threads cannot interrupt them.
+        self._lock = threading.RLock()
         own = None if falloff is None else ctypes.byref(falloff.to_c())
         super().__init__("renderer", "renderer_create_falloff", self.device, model, chosen, flags, own)
 
@@ -326,8 +329,8 @@ class Renderer(_abi.Handle):
         return f"<ubs.Renderer of at most {self.capacity} splats on {self.device!r}>"
 
     def update(self, model: Model) -> None:
-        """Replaces the parameter values by those of a model of the same variant and dimensions, with at most as many
-        splats."""
+        """Replaces the parameter values by those of `model`, which must have the same variant and dimensions as the
+        model that the renderer was created with, and in each group at most as many splats."""
         _abi.call("renderer_update", self, model)
         if self._like is not None and len(self._like) != len(model):
             self._like = model.copy()
@@ -397,15 +400,16 @@ class Renderer(_abi.Handle):
         - "v_rgb": zeros of `size` (H, W, 3), to be written and passed to vjp()
         - "gradient" (rows, splats), after vjp() or loss()
         - "extents" (splats, 2): half the width and height [px] of the rectangle around each splat in the last image;
-          undefined for splats outside of the near and far planes
+          undefined for splats that are not between the near and the far plane
         - "v_means2d" (splats, 2), after vjp() or loss(): the gradient with respect to the position of each splat in the
-          image [1/px]; may be written, and "gradient" is then computed from the written values
+          image [1/px], or the sums of `absgrad`; may be written, and "gradient" is then computed from the written
+          values
 
         When this function returns, the library has finished using the array. The caller must finish using it, including
-        work in streams, before the next call of this renderer. The array is valid until update(), or until a view of
-        another size is rendered; such a view is refused while an array of pixels is in use."""
+        work in streams, before the next call that uses this device. The array is valid until update(), or until a view
+        of another size is rendered. While an array of pixels is in use, a view of another size raises UsageError."""
         if name not in _abi.ARRAYS:
-            raise UsageError(f"there is no array '{name}': {', '.join(_abi.ARRAYS)}")
+            raise UsageError(f"there is no array '{name}': choose one of {', '.join(_abi.ARRAYS)}")
         if not all(0 <= n < 2**31 for n in size):
             raise UsageError(f"size {size} is not supported: pass two whole numbers below 2^31")
         array = _abi.Array()
@@ -444,7 +448,7 @@ class Renderer(_abi.Handle):
         have been replaced or requested since that call, or if gradients of alpha or depth have been computed."""
         into = self._gradients()
         size = self._kept_size if camera is None else (camera.height, camera.width)
-        # The library would read any other address as host memory
+        # The library would treat any other address as host memory.
         if isinstance(v_rgb, DeviceArray) and v_rgb.address != self._v_rgb:
             raise UsageError('v_rgb is a device array, but not the last array("v_rgb") of this renderer')
         on_device = v_rgb.address if isinstance(v_rgb, DeviceArray) else None
@@ -462,7 +466,7 @@ class Renderer(_abi.Handle):
     def camera_gradient(self) -> CameraGradient:
         """Returns the gradient with respect to the camera for the last call of vjp() or loss(). It includes the effect
         of the view direction on the splats, for every value of query_grad. Raises UsageError if the background is a
-        sky."""
+        sky, or if the renderer was created with absgrad=True."""
         g = _abi.CameraGradient()
         _abi.call("renderer_camera_gradient", self, ctypes.byref(g))
         return CameraGradient(
@@ -542,8 +546,8 @@ def vjp(
     v_rgb (H, W, 3), v_alpha (H, W) and v_depth (H, W), to the gradient of this scalar with respect to every raw
     parameter. The result has the names and shapes of model.parameters.
 
-    The gradient includes the path through the view direction, because the rendered image depends on it. Training
-    ignores this path, as published. Renderer(model, gradients=True, query_grad=False).vjp() ignores it, too.
+    The gradient includes the path through the view direction, because the rendered image depends on it. `ubs train` and
+    the published method ignore this path. Renderer(model, gradients=True, query_grad=False).vjp() ignores it, too.
     Renderer.camera_gradient() returns the gradient with respect to the camera."""
     renderer = model.renderer(device, depth=v_depth is not None, gradients=True)
     return _only(renderer.vjp(camera, v_rgb, v_alpha, v_depth))
@@ -557,8 +561,8 @@ def loss(
     mask: npt.ArrayLike | None = None,
     device: DeviceLike = None,
 ) -> tuple[Loss, dict[str, FloatArray]]:
-    """Returns the training loss of one view, without regularisers, and its gradient in the form that vjp() returns.
-    target: the photograph (H, W, 3), uint8 or floating point from 0 to 1. mask: (H, W); pixels with the value 0 are
-    ignored."""
+    """Returns the training loss of one view, without regularisers, and its gradient, with the names and shapes of
+    model.parameters. target: the photograph (H, W, 3), uint8 or floating point from 0 to 1. mask: (H, W); pixels with
+    the value 0 are ignored."""
     found, gradient = model.renderer(device, gradients=True).loss(camera, target, lambda_dssim, mask)
     return found, _only(gradient)

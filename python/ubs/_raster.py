@@ -27,8 +27,8 @@ from ._model import Model, Renderer
 
 Result = TypeVar("Result")
 
-# Thickness of a flat splat, relative to its larger half-axis. The kernels raise smaller values than UBS_NEEDLE_CHOLESKY
-# (kernels/limits.h) to that minimum; this value is slightly above it.
+# Thickness of a flat splat, relative to the larger diagonal entry of the Cholesky factor of its ellipse. The kernels
+# raise values below UBS_NEEDLE_CHOLESKY (kernels/limits.h) to this limit. THICKNESS is slightly above the limit.
 THICKNESS = 4e-4
 BEHIND = -1.0  # a depth that the camera of flat splats does not see
 INVISIBLE = -100.0  # a raw opacity that is so low that a Gaussian with it is not rendered
@@ -68,14 +68,14 @@ class Form:
         return {"xyz": 3, **colours, "opacity": 1, **beta, "scale": 3, **shape}
 
 
-# Number of splats whose harmonics are transposed at once, so that they stay in the cache of a core. With a power of
-# two, rows would compete for the same places in the cache.
+# Number of splats whose spherical harmonics are transposed at once, so that they stay in the cache of a core. It is not
+# a power of two, because the rows would then be mapped to the same sets of the cache.
 CHUNK = 3000
 
 
 class Slot:
-    """A renderer with a capacity of `room` splats. Splats that are not used are not rendered. The caller must hold
-    `lock` while it uses a Slot."""
+    """A renderer with a capacity of `room` splats. If fewer splats are used, the others are made invisible. The caller
+    must hold `lock` while it uses a Slot."""
 
     def __init__(self, device: Device, room: int, form: Form) -> None:
         self.device, self.room, self.form = device, room, form
@@ -88,7 +88,7 @@ class Slot:
         self.host = {name: torch.from_numpy(values[name].T) for name in values}
         self.used = room
         self.holds: object = None  # identifies the current values, see put()
-        # The camera of the image that the device can differentiate without rendering it again, or None
+        # The camera of the image that the device can differentiate without rendering it again, or None.
         self.kept: Camera | None = None
         try:
             self.renderer.array("parameters")
@@ -150,9 +150,10 @@ class Slot:
         return self._array("extents")[: self.used]
 
     def differentiate(self, camera: Camera, v_rgb: Tensor | None, v_alpha: Tensor | None) -> dict[str, Tensor]:
-        """Returns the gradients of each parameter for the used splats. They are valid until the next call. With
-        spherical harmonics, the entry "means2d" (splats, 2) is the gradient with respect to the positions in the image
-        [1/px]. The gradients of the parameters are then those with fixed positions in the image."""
+        """Returns the gradients of each parameter for the used splats. They are valid until the next call. If the
+        splats have spherical harmonics, which requires `shared`, the entry "means2d" (splats, 2) is the gradient with
+        respect to the positions in the image [1/px], and the gradients of the parameters are those for fixed positions
+        in the image."""
         if self.kept is not camera:
             self.renderer.draw(camera, for_gradient=True)
         self.kept = None
@@ -187,7 +188,7 @@ MIN_SHARE = 2.0**-30  # kMinShare of host/pipeline/image_gradient.cpp
 def gradient_on_device(renderer: Renderer, camera: Camera, v_rgb: Tensor | None, v_alpha: Tensor | None) -> DeviceArray:
     """Writes the gradient with respect to the last image (H, W, 3), and to its alpha (H, W), to the memory of the
     device. Returns the array for Renderer.vjp(None, ...). If there is a gradient of alpha, this function also changes
-    one channel of each pixel of the image on the device, in the way in which a different background would change it
+    the image on the device: in each pixel, it adds a number to one channel, as a different background would do
     (host/pipeline/image_gradient.hpp explains why). Afterwards, the image cannot be differentiated a second time."""
     array = renderer.array("v_rgb", size=(camera.height, camera.width))
     into: Tensor = cast(Any, torch).from_dlpack(array)
@@ -441,7 +442,8 @@ def _padded(tensor: Tensor) -> Tensor:
 
 
 def _three(colors: Tensor, first: int, depths: Tensor) -> Tensor:
-    """Returns three channels starting with `first`, as rows."""
+    """Returns three channels starting with `first`, as rows. The values of ellipses with a depth of 0 or less, and of
+    channels that do not exist, are 0."""
     part = _padded(colors[:, first : first + 3]).T
     return torch.where(depths > 0, part, torch.zeros_like(part))
 

@@ -20,7 +20,8 @@ class Settings(_abi.Handle):
         self, values: Mapping[str, Any] | None = None, spec: str | None = None, use: int | None = None
     ) -> None:
         super().__init__("settings", "settings_create")
-        if use is not None and spec is not None:  # files may have settings for other purposes
+        # A file may contain settings for other purposes, so only `values` are checked if there is a file.
+        if use is not None and spec is not None:
             Settings(values, use=use)
         if spec is not None:
             _abi.call("settings_load", self, _abi.path_bytes(spec))

@@ -26,7 +26,9 @@ from ._settings import Settings
 
 @dataclass(frozen=True)
 class Step:
-    """The state of a training after an iteration. Values that were not measured in this iteration are None."""
+    """The progress of a training after an iteration: the number of finished iterations and of all iterations, the
+    training time so far, and the number of splats. The loss and the metrics of the test views are None if they were not
+    measured in this iteration."""
 
     iteration: int
     iterations: int
@@ -70,8 +72,9 @@ def _step(c: _abi.Step) -> Step:
 
 
 class _Interrupt:
-    """Records Ctrl-C instead of raising KeyboardInterrupt, because Python ignores exceptions that are raised in a
-    callback from C. This is only done in the main thread, and only if the program has not installed another handler."""
+    """Records in `came` that Ctrl-C was pressed, instead of raising KeyboardInterrupt, because Python ignores
+    exceptions that are raised in a callback from C. This is only done in the main thread, and only if the program has
+    not installed another handler."""
 
     def __init__(self) -> None:
         self.came = False
@@ -97,8 +100,9 @@ OnStep = Callable[[Step], Any]
 
 class Trainer(_abi.Handle):
     """A training that can be run in parts. `settings` are those of `ubs train`, by name. Settings that determine how
-    data are read, such as background, must have the values that were passed to Dataset.open(). `spec`: a YAML file with
-    settings. `initial`: the initial model, instead of one made from the data."""
+    data are read, such as background, must have the values that were passed to Dataset.open(). `spec` is a YAML file
+    with settings, whose values are replaced by `settings`. `initial` is the initial model. If it is None, the initial
+    model is created from the data."""
 
     def __init__(
         self,
@@ -122,8 +126,9 @@ class Trainer(_abi.Handle):
     def run(self, steps: int = 0, on_step: OnStep | None = None) -> None:
         """Trains for `steps` iterations, or for all remaining iterations if `steps` is 0. Calls `on_step` after each
         iteration. If `on_step` returns False, training stops after this iteration. If it raises an exception, training
-        also stops, and run() raises this exception. Ctrl-C stops training, and run() raises KeyboardInterrupt. In all
-        these cases the trainer has the state of the last iteration, so it can be saved, and run() can continue."""
+        also stops, and run() raises this exception. Ctrl-C in the main thread stops training after the current
+        iteration, and run() raises KeyboardInterrupt. In all these cases the trainer has the state of the last
+        iteration, so it can be saved, and run() can continue."""
         if steps < 0:
             raise UsageError(f"steps = {steps}: pass a number of iterations, or 0 for all remaining ones")
         raised: list[BaseException] = []  # exceptions must not pass through C code
@@ -148,7 +153,7 @@ class Trainer(_abi.Handle):
 
     @property
     def status(self) -> Step:
-        """The current progress."""
+        """The current progress. Its loss and metrics are None."""
         step = _abi.Step()
         _abi.call("trainer_get_status", self, ctypes.byref(step))
         return _step(step)
@@ -159,11 +164,11 @@ class Trainer(_abi.Handle):
         return Model("trainer_get_model", self)
 
     def set_model(self, model: Model, source: npt.ArrayLike | None = None) -> None:
-        """Replaces the splats in training, for example to add or remove some between two calls of run(), and keeps
-        everything else: the iteration, cameras, appearance, background. `model` must have the same dimension and
-        variant. Its number of splats must not exceed cap_max, or the initial number if that is larger. `source`
-        contains an integer for each splat of `model`: the index of the current splat whose optimiser state is used for
-        it, or -1 for a new state. If `source` is None, all states are new."""
+        """Replaces the splats during a training, for example to add or remove some between two calls of run(). The
+        iteration, the cameras, the appearance and the background do not change. `model` must have the same dimension
+        and variant. Its number of splats must not exceed cap_max, or the initial number if that is larger. `source`
+        contains an integer for each splat of `model`: the index of the current splat whose optimiser state this splat
+        continues with, or -1 for a new state. If `source` is None, all states are new."""
         taken = None
         if source is not None:
             taken = np.ascontiguousarray(source)
@@ -220,8 +225,8 @@ def train(
     ubs.settings() lists them. Use Trainer to run other code between iterations.
 
     The schedule, which includes the growth of the number of splats, scales with the number of iterations. For example,
-    500 initial splats become 12 000 in 200 iterations, and 64 000 in 30 000 iterations. cap_max limits the number of
-    splats, and refine="0:0:1" keeps it constant."""
+    a training of 200 iterations turns 500 initial splats into 12 000, and a training of 30 000 iterations turns them
+    into 64 000. cap_max limits the number of splats, and refine="0:0:1" keeps it constant."""
     trainer = Trainer(data, device=device, initial=initial, spec=spec, **settings)
     progress = _progress() if on_step is None else None
     try:

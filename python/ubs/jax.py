@@ -33,7 +33,8 @@ class Splats:
     ubs.Renderer, such as background.
 
     Gradients include the path through the view direction to the positions of the splats, because the rendered image
-    depends on it. `ubs train` and publications ignore this path. The setting query_grad=False ignores it here, too."""
+    depends on it. `ubs train` and the published method ignore this path. The setting query_grad=False ignores it here,
+    too."""
 
     def __init__(self, model: Model, device: DeviceLike = None, *, depth: bool = False, **settings: Any) -> None:
         self._drawing = Drawing(model, device, depth, settings)
@@ -54,7 +55,7 @@ class Splats:
         shapes = [(*size, 3), size, size][: 3 if self._depth else 2]
         pictures = tuple(jax.ShapeDtypeStruct(shape, np.float32) for shape in shapes)
 
-        # JAX calls these functions from its own threads.
+        # JAX calls these functions from its own threads, so they must hold the lock.
         def draw(parameters: Parameters, for_gradient: bool = False) -> tuple[FloatArray | None, ...]:
             with self._drawing.lock:
                 image = self._drawing.draw(camera, self._arrays(parameters), for_gradient)

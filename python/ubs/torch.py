@@ -7,13 +7,14 @@
     my_loss(rgb, alpha).backward()
 
 The module also provides the method as functions of tensors. render() takes raw parameters. condition() and
-condition_direct() convert splats of N dimensions to splats in space. rasterize() renders projected splats, so that a
+condition_direct() convert splats of N dimensions to splats in 3D space. rasterize() renders projected splats, so that a
 program can use its own code for the projection and for everything before it.
 
-Any device of ubs can render. If tensors are on the GPU on which ubs renders with CUDA, they stay there (DLPack). Other
-tensors are copied through host memory. Colours, alpha and depth have gradients with respect to every raw parameter, and
-with respect to the camera if it is passed as tensors. Gradients include the path through the view direction, because
-the rendered image depends on it. `ubs train` ignores this path. The setting query_grad=False ignores it here, too.
+Any device of ubs can render. If tensors are in the memory of the device that renders, they stay there (DLPack). This is
+possible with CUDA, and on CPUs with PoCL. Other tensors are copied through host memory. Colours, alpha and depth have
+gradients with respect to every raw parameter, and with respect to the camera if it is passed as tensors. Gradients
+include the path through the view direction, because the rendered image depends on it. `ubs train` ignores this path.
+The setting query_grad=False ignores it here, too.
 Second-order gradients are not supported. All splats of a model must have the same dimension."""
 
 from __future__ import annotations
@@ -124,7 +125,8 @@ def _differentiate(
     return [part.T.clone(memory_format=torch.contiguous_format) for part in parts]
 
 
-# Singular values of the matrix of a pose may differ from 1 by less than this value. Other matrices are probably wrong.
+# The singular values of the rotation matrix of a pose must differ from 1 by less than this value. Other matrices are
+# probably wrong.
 MOST_STRETCH = 0.1
 
 
@@ -225,11 +227,12 @@ class _Render(torch.autograd.Function):
 class Splats(torch.nn.Module):
     """A module with the raw parameters of a model. It has one torch.nn.Parameter (splats, values per splat) for each
     name in Model.parameters, such as `xyz`. These may be replaced by parameters for a different number of splats. With
-    `depth`, the module also returns depth. `settings` are those of ubs.Renderer, such as background, and its `falloff`.
-    The module can be copied and saved.
+    `depth`, the module also returns depth. `settings` are passed to ubs.Renderer: its settings, such as background, and
+    its argument `falloff`. The module can be copied and saved.
 
     Gradients include the path through the view direction to the positions of the splats, because the rendered image
-    depends on it. `ubs train` and publications ignore this path. The setting query_grad=False ignores it here, too."""
+    depends on it. `ubs train` and the published method ignore this path. The setting query_grad=False ignores it here,
+    too."""
 
     def __init__(self, model: Model, device: DeviceLike = None, *, depth: bool = False, **settings: Any) -> None:
         super().__init__()
@@ -254,8 +257,8 @@ class Splats(torch.nn.Module):
         The tensors `pose`, `intrinsics` and `time` replace the values of the camera, and get gradients. The shape of
         pose is (3, 4) or (4, 4). intrinsics are fx, fy, cx and cy (4,), or a matrix (3, 3). If the matrix of the pose
         is not exactly a rotation, the nearest rotation is used for the image and its gradient, so an optimiser can
-        change the entries of the matrix independently. Raises DataError if a singular value is not between 0.9 and
-        1.1."""
+        change the entries of the matrix independently. Raises DataError if a singular value of the rotation matrix is
+        not between 0.9 and 1.1."""
         pictures: tuple[Tensor, ...] = _Render.apply(
             torch.is_grad_enabled(), self._drawing, camera, pose, intrinsics, time, *self._tensors()
         )
@@ -353,9 +356,9 @@ def rasterize(
     in square pixels, including any desired blur. depths (n,): the order; splats with a depth of 0 or less are not
     rendered. colors (n, D), any number of channels. opacities (n,), 0 to 1.
 
-    betas (n,): positive exponents of Beta kernels; a splat is opacity * (1 - r)^beta where r < 1, with r = d^T covs2d^-1
-    d, where d is the vector from the centre to the pixel. If betas is None, the splats are Gaussians: opacity *
-    exp(-r / 2), where this is at least 1/255.
+    betas (n,): positive exponents of Beta kernels. The alpha of a splat at a pixel is opacity * (1 - r)^beta if r < 1,
+    and 0 otherwise. r is d^T covs2d^-1 d, and d is the vector from the centre to the pixel. If betas is None, the
+    splats are Gaussians: alpha is opacity * exp(-r / 2), and values below 1/255 are replaced by 0.
 
     falloff: a ubs.Falloff, or a text with its expression, which replaces (1 - r)^beta. If betas is None, all betas are
     1.
@@ -433,12 +436,13 @@ def condition(
 ) -> tuple[Tensor, Tensor, Tensor]:
     """Slices splats of N dimensions at values of their query dimensions (docs/method.md 2.3, 2.4).
 
-    means (n, N): position, then the query dimensions. factor (n, N, N): L of the covariance L L^T, any matrix with
-    independent rows. betas (n, N - 3): exponents 4 exp(raw) of the query dimensions; None: opacities do not change.
-    query: (N - 3,), or (n, N - 3) if it differs between splats, as view directions do. weights: the weights (n, N - 3)
-    of the conditioning. If weights is None, they are min(betas / 4, 1), or 1 without betas. cov_mode: weights make the
-    covariance asymmetric. "upper" mirrors its upper triangle, as published. "whiten" applies the weights so that it
-    stays symmetric and positive.
+    means (n, N): the position, followed by the query dimensions. factor (n, N, N): a matrix L with independent rows;
+    the covariance is L L^T. betas (n, N - 3): the exponents 4 exp(raw) of the query dimensions. If betas is None,
+    opacities do not change. query: (N - 3,), or (n, N - 3) if it differs between splats, as view directions do.
+    weights: the weights (n, N - 3) of the conditioning. If weights is None, they are min(betas / 4, 1), or 1 without
+    betas. cov_mode: with weights, the formula of the covariance gives an asymmetric matrix. "upper" mirrors the upper
+    triangle of this matrix, as published. "whiten" applies the weights so that the covariance stays symmetric and
+    positive semidefinite.
 
     Returns positions (n, 3), covariances (n, 3, 3), and factors for the opacities (n,). Computes in the type of the
     tensors and has gradients of any order."""
@@ -484,9 +488,10 @@ def condition_direct(
 ) -> tuple[Tensor, Tensor]:
     """Slices splats with direct conditioning (docs/method.md 9).
 
-    means (n, N), betas, query and weights as in condition(). factor (n, N - 3, N - 3): L, lower triangular, of the
-    precision L L^T of the query dimensions. theta (n, 3, N - 3): the direction in which each query dimension moves a
-    splat, in units of the mean scale of the splat. scales (n, 3): spatial scales. Covariances do not change.
+    means (n, N), betas, query and weights are those of condition(). factor (n, N - 3, N - 3): the lower triangular
+    matrix L of the precision L L^T of the query dimensions. theta (n, 3, N - 3): the direction in which each query
+    dimension moves a splat, in units of the mean scale of the splat. scales (n, 3): spatial scales. Covariances do not
+    change.
 
     Returns positions (n, 3), and factors for the opacities (n,)."""
     x = _query(means, query, betas)

@@ -11,7 +11,7 @@ namespace {
 
 using Catch::Contains;
 
-TEST_CASE("errors: the relative 2-norm and the maximum are infinite if a value is not finite") {
+TEST_CASE("errors: the relative 2-norm and the maximum are computed, and are infinite if a value is NaN") {
   check::ErrorSum sum;
   sum.add(3.5, 3);
   sum.add(-4, -4);

@@ -34,7 +34,7 @@ Problem problem(int dim) {
 struct Expectation {
   MathMode math;
   double image, gradient;  // bounds of the relative 2-norms, about twice the largest errors observed on PoCL
-  bool coarser;            // the error is larger than that of the default
+  bool coarser;            // whether the error of the image must be larger than that of the default mode
 };
 
 std::vector<Expectation> expectations() {
@@ -68,7 +68,7 @@ TEST_CASE("approximations stay within their bounds", "[accuracy]") {
                       << gradient << " (" << worst(groups).quantity << ")");
         CHECK(image <= e.image);
         CHECK(gradient <= e.gradient);
-        // With one lane, `native` uses the functions of the device, which may be as accurate as the others.
+        // In the gpu rasteriser, `native` and `rough` use a function of the device, which may be accurate.
         if (e.coarser && !(raster == RasterKind::gpu && e.math != MathMode::exact)) CHECK(image > 1e-6);
       }
 }

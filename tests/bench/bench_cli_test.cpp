@@ -59,8 +59,8 @@ TEST_CASE("bench: results are written as JSON, and the exit code is 8 if they ar
     CHECK(c["peak_bytes"] > 0);
     CHECK(first.out.find(c["name"].get<std::string>()) != std::string::npos);
   }
-  // Compares with two baselines. In the first, everything took a hundredth of the time without any
-  // uncertainty. In the second, everything was a hundred times slower.
+  // Compares with two baselines without any uncertainty. In the first, every case took a hundredth of the
+  // time. In the second, every case took a hundred times as long.
   for (const double factor : {0.01, 100.0}) {
     json doctored = file;
     for (json& c : doctored["devices"][0]["cases"]) {
@@ -102,7 +102,7 @@ TEST_CASE("bench: an interrupted run saves its results so far and exits with 130
   CHECK(cases.size() < 4);
 }
 
-TEST_CASE("bench: a model with its data is measured on several devices") {
+TEST_CASE("bench: a model with its data is measured, and a device that is listed twice is used twice") {
   const TempFolder folder;
   put_scene(folder / "data", 32, 8, 2);
   REQUIRE(

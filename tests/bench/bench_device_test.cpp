@@ -139,7 +139,8 @@ TEST_CASE("bench: a model is measured with the variant of the model", "[bench]")
     const BenchScene scene = random_start(3, 2'000, 64, 64, form);
     StepBench bench(*device, scene, raster);
     for (const std::string& stage : step_stages()) CHECK(bench.measure(stage, kOnce).wall_ms.median > 0);
-    // The support of the Beta kernel ends at one standard deviation, that of the Gaussian kernel at three.
+    // The support of the Beta kernel ends at a distance of 1 in units of the ellipse, and the support of the
+    // Gaussian kernel at 3.33.
     const auto beta = StepBench(*device, random_start(3, 2'000, 64, 64), raster).totals().intersections;
     CHECK(bench.totals().intersections > 2 * beta);
     const IterationMeasurement m = measure_iterations(*device, scene, {.raster = raster, .limits = kOnce});

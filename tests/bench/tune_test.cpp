@@ -90,7 +90,7 @@ TEST_CASE("tune keeps the fastest value of each constant, combined with the cons
   CHECK(std::ranges::find(given.made, TuningValues{{"A", 2}, {"B", 16}}) != given.made.end());
 }
 
-TEST_CASE("tune chooses no value that is not significantly faster") {
+TEST_CASE("tune only chooses values that are significantly faster than the default") {
   Given given;
   CHECK(choose(given).values.empty());
   given.factor = {{{"A", 1}, 0.97}, {{"B", 4}, 1.2}, {{"B", 16}, 0.985}};

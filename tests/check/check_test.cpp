@@ -86,7 +86,7 @@ TEST_CASE("devices --check: a variant that requires N = 3 is rejected with anoth
                 exit_code(ErrorKind::usage), "from 3 to 11");
 }
 
-TEST_CASE("the device check passes with correct kernels of the 3D Gaussian Splatting variant") {
+TEST_CASE("the device check passes with correct kernels for Gaussians with spherical harmonics") {
   KernelConfig config;
   config.dim = 3;
   config.variant.kernel = SpatialKernel::gaussian;
@@ -150,9 +150,9 @@ TEST_CASE("first use: a broken device is skipped by default, and is an error if 
   const std::size_t broken = devices.size() - 1;
   REQUIRE(devices[broken].name == "Broken GPU");
   CHECK(choose_device(devices, "") == broken);
-  // In the first round both devices are checked. In the second round the CPU is checked again: stored
-  // verdicts depend on the kernel folder, and in the first round UBS_KERNEL_DIR was still the folder of the
-  // broken kernels when the verdict of the CPU was looked up. In the third round all verdicts are found.
+  // In the first round, both devices are checked. Stored verdicts depend on the kernel folder. When the first
+  // round looked up the verdict of the CPU, UBS_KERNEL_DIR was still the folder of the broken kernels. So the
+  // CPU is checked again in the second round. In the third round, both verdicts are found.
   for (const std::size_t checks : {2u, 1u, 0u}) {
     INFO("this round should make " << checks << " checks");
     checked.clear(), warnings.clear();

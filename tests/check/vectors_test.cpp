@@ -15,7 +15,7 @@
 namespace ubs::check {
 namespace {
 
-TEST_CASE("forms: each form of the table is checked itself, and the table contains a form for every N") {
+TEST_CASE("forms: each form of the table is nearest to itself, and the table contains a form for every N") {
   for (std::size_t i = 0; i < forms().size(); ++i) {
     INFO("N = " << forms()[i].dim << ", " << to_string(forms()[i].variant));
     CHECK(nearest_form(forms()[i]) == i);
@@ -44,7 +44,7 @@ TEST_CASE("forms: a form without reference data is checked in the nearest form w
   const KernelConfig checked = checked_config(config);
   CHECK(form_of(checked) == Form{7, {}, true});
   CHECK(checked.alpha_min == 0);
-  CHECK_FALSE(checked.backward);  // remains as the caller has chosen it, like the rasteriser
+  CHECK_FALSE(checked.backward);  // checked_config() keeps the value of the caller, as for the rasteriser
   CHECK(form_text(checked) == "N = 7, vectors, query_grad, forward only");
 }
 
@@ -59,7 +59,7 @@ TEST_CASE("vectors: every form has a scene with gradients") {
                    .variant = f.problem.model.variant}) == forms()[i]);
     CHECK(f.problem.camera.width == kWidth);
     CHECK(f.problem.camera.height == kHeight);
-    CHECK(std::ranges::count(f.truth.visible, 1) > 128);  // more splats than a batch of any rasteriser
+    CHECK(std::ranges::count(f.truth.visible, 1) > 128);  // more splats than any rasteriser reads at once
     const auto undecided = static_cast<std::size_t>(std::ranges::count(f.problem.undecided, 1));
     CHECK(undecided < f.problem.undecided.size() / 4);
     for (const ParameterGroup& group : parameter_groups(f.problem.model.layout())) {

@@ -31,7 +31,9 @@ using test::ubs_ok;
 struct DataCase {
   const char* name;
   int views;    // total of all splits
-  double psnr;  // mean over all images, in dB; 0: not tested, because the control has another scene or unit
+  // Mean over all images [dB]. If it is 0, it is not tested, because the control shows another scene, or has
+  // another unit of length.
+  double psnr;
   int points, masks;
   const char* notes;
 };
@@ -124,7 +126,7 @@ std::vector<std::string> parts_of(const char* words) {
   return all;
 }
 
-// Returns all notes of `ubs info --json` about a data folder. Each line contains a note, as on the terminal.
+// Returns all notes of `ubs info --json` about a data folder, with one note per line, as on the terminal.
 std::string notes_of(const json& info) {
   std::string text;
   for (const json& note : info["report"]["notes"]) text += note.get<std::string>() + "\n";

@@ -33,7 +33,7 @@ using test::run_ubs;
 using test::TempFolder;
 using test::ubs_ok;
 
-// Creates a 32 x 32 glossy scene in data/, once per folder.
+// Creates a small built-in scene in data/, with images of 32 x 32 pixels.
 void synthesise(const TempFolder& folder, const std::string& scene = "glossy") {
   put_scene(folder / "data", 32, 8, 3, scene);
 }
@@ -44,8 +44,8 @@ void train(const TempFolder& folder, const std::string& out, const std::string& 
   ubs_ok(folder, fmt::format("train --data data --out {} {} {}", out, kTiny, more));
 }
 
-// Puts data/ into the folder, and the model run/model.ply that train() creates from it. The model is trained
-// once for all tests.
+// Puts data/ into the folder, and the model run/model.ply that train() creates from these data. The model is
+// trained once for all tests.
 void put_trained(const TempFolder& folder) {
   static const TempFolder made;
   if (!fs::exists(made / "run/model.ply")) {
@@ -57,7 +57,7 @@ void put_trained(const TempFolder& folder) {
   fs::copy(made / "run/model.ply", folder / "run/model.ply");
 }
 
-TEST_CASE("cli: --help and --version print their texts") {
+TEST_CASE("cli: --help-all and --version print their texts") {
   const TempFolder folder;
   for (const char* command : {"", "train", "render", "eval", "info", "synth", "devices"}) {
     const Result result = ubs_ok(folder, fmt::format("{} --help-all", command));
@@ -111,7 +111,7 @@ TEST_CASE("cli: metrics compares images and folders") {
   CHECK_FALSE(fs::exists(folder / "o/model.ply"));
 }
 
-TEST_CASE("cli: wrong usage gives a message of one line and exit code 2") {
+TEST_CASE("cli: wrong usage gives a message of one line and exit code 2, or 3 for an unsuitable file") {
   const TempFolder folder;
   check_error(folder, "trian", 2, "did you mean 'train'?");
   check_error(folder, "train --out o", 2, "no data folder given");
@@ -141,7 +141,7 @@ TEST_CASE("cli: wrong usage gives a message of one line and exit code 2") {
 }
 
 // In earlier versions, each of these commands ran and ignored the option.
-TEST_CASE("cli: an option is rejected if the option that it requires is missing") {
+TEST_CASE("cli: an option is rejected if it has no effect with the other arguments or excludes one of them") {
   const TempFolder folder;
   for (const char* arguments : {"plan d --depth", "plan d --split train"})
     check_error(folder, arguments, 2, "requires --model");
@@ -258,7 +258,7 @@ TEST_CASE("cli: a missing training image is named before training") {
                 "1 of 8 images do not exist: for example, './train/r_003' does not exist");
 }
 
-TEST_CASE("cli: synth, train, eval, render, info, gradients work together") {
+TEST_CASE("cli: the files of train, eval, render and info agree with each other") {
   const TempFolder folder;
   synthesise(folder);
   train(folder, "run", "--unit 1");
@@ -272,7 +272,7 @@ TEST_CASE("cli: synth, train, eval, render, info, gradients work together") {
   CHECK(metrics["peak_device_bytes"].get<double>() > 1e5);
   CHECK(metrics["settings"]["init_points"] == 300);
   CHECK(metrics["test"]["views"].size() == 3);
-  // Black images have 15.1 dB. Observed: 17.52 dB (PoCL).
+  // Black images would have a PSNR of 15.1 dB. The PSNR observed on PoCL is 17.52 dB.
   CHECK(metrics["test"]["mean"]["psnr"].get<double>() > 16.5);
 
   const std::string log = get(folder / "run/log.csv");
@@ -288,7 +288,7 @@ TEST_CASE("cli: synth, train, eval, render, info, gradients work together") {
     CHECK(pair.rgb[static_cast<std::size_t>(192 * 16 + x)] ==
           truth.rgb[static_cast<std::size_t>(96 * 16 + x)]);
 
-  // eval of the file gives the values that training measured in memory.
+  // `ubs eval` measures for the model file what training measured for the model in memory.
   const json eval =
       json::parse(ubs_ok(folder, "eval --model run/model.ply --data data --json --out e.json").out);
   CHECK(eval["mean"]["psnr"] == metrics["test"]["mean"]["psnr"]);
@@ -325,7 +325,7 @@ TEST_CASE("cli: synth, train, eval, render, info, gradients work together") {
     const double error = std::clamp(rgb.values[i], 0.0f, 1.0f) - truth.rgb[i] / 255.0;
     squared += error * error / static_cast<double>(rgb.values.size());
   }
-  // The device sums in float; observed 8.1e-8 dB (PoCL).
+  // The device computes sums in float32. The difference observed on PoCL is 8.1e-8 dB.
   CHECK(-10 * std::log10(squared) == Approx(eval["views"][0]["psnr_joint"].get<double>()).margin(1.6e-7));
   for (const float a : alpha.values) CHECK((a >= 0 && a <= 1));
   CHECK(*std::max_element(alpha.values.begin(), alpha.values.end()) > 0.5f);
@@ -349,7 +349,7 @@ TEST_CASE("cli: training, eval, render and gradients use the same variant of a m
   CHECK(info["parameters_per_splat"] == 3 + 27 + 1 + 3 + 4);
   CHECK(info["groups"]["sh_rest"]["count"] == 24);
   CHECK(info["noted_cameras"] == 8);
-  // Only the file determines how eval renders. The values are those that training measured in memory.
+  // The model file alone determines how eval renders. The PSNR must be that which training measured.
   const json metrics = json::parse(get(folder / "run/metrics.json"));
   const json eval = json::parse(ubs_ok(folder, "eval --model run/model.ply --data data --json").out);
   CHECK(eval["mean"]["psnr"] == metrics["test"]["mean"]["psnr"]);
@@ -406,7 +406,7 @@ TEST_CASE("cli: results of training do not depend on the unit of the data") {
   check_error(folder, "train --data data --out no --cov-param skew_nd --unit 5", 2, "choose unit = 1");
 }
 
-TEST_CASE("cli: alpha_min and freeze are recorded, and eval uses them again") {
+TEST_CASE("cli: alpha_min and freeze are recorded, and eval uses the recorded alpha_min") {
   const TempFolder folder;
   synthesise(folder);
   train(folder, "run", "--alpha-min 0.05 --freeze rgb --unit 1");
@@ -426,7 +426,7 @@ TEST_CASE("cli: alpha_min and freeze are recorded, and eval uses them again") {
   check_error(folder, eval + "--alpha-min 0.6", 2, "alpha_min");
 }
 
-TEST_CASE("cli: gradients agree with finite differences of their own loss") {
+TEST_CASE("cli: gradients agree with finite differences of the loss that the same command prints") {
   const TempFolder folder;
   put_trained(folder);
   const auto loss_of = [&](const std::string& model) {
@@ -455,7 +455,7 @@ TEST_CASE("cli: gradients agree with finite differences of their own loss") {
     write_splat_ply(folder / "moved.ply", moved);
     loss[static_cast<std::size_t>(side)] = loss_of("moved.ply");
   }
-  // The loss is rounded to float by the device; observed relative error 0.0025 (PoCL).
+  // The device rounds the loss to float32. The relative error observed on PoCL is 0.0025.
   CHECK((loss[1] - loss[0]) / (2 * h) == Approx(squared).epsilon(0.005));
 }
 
@@ -479,7 +479,7 @@ TEST_CASE("cli: gradients accepts a target file and rejects invalid arguments") 
   check_error(folder, base + "1 --target small.npy", 3, "needs (32, 32, 3)");
 }
 
-TEST_CASE("cli: render and gradients need no images when the JSON has w and h") {
+TEST_CASE("cli: render and gradients need no images if the JSON file contains w and h") {
   const TempFolder folder;
   put_trained(folder);
   ubs_ok(folder, "render --model run/model.ply --data data --out before --format npy");
@@ -524,7 +524,7 @@ TEST_CASE("cli: a model is not overwritten by accident") {
   CHECK(get(folder / "run/model.ply") != before);
 }
 
-TEST_CASE("cli: dynamic scenes can be trained, and a dynamic model of static data gives a warning") {
+TEST_CASE("cli: dynamic scenes can be trained; static times or a single camera position give a warning") {
   const TempFolder folder;
   synthesise(folder, "orbit");
   for (const int dim : {4, 7}) {
@@ -556,7 +556,8 @@ TEST_CASE("cli: train --json prints metrics.json, and train --quiet prints nothi
 TEST_CASE("cli: an interrupted run saves its results so far and exits with 130") {
   const TempFolder folder;
   synthesise(folder);
-  // The signal is sent to the training process when its log has a row. It is sent twice, as by `timeout`.
+  // The signal is sent to the training process when its log has a row. It is sent twice, because `timeout`
+  // also does this.
   put(folder / "run.sh",
       fmt::format("'{}' train --data data --out run --iterations 1000000 --init-points 200 "
                   "--cap-max 200 --log-every 5 --quiet & pid=$!\n"
@@ -572,7 +573,7 @@ TEST_CASE("cli: an interrupted run saves its results so far and exits with 130")
   CHECK(read_splat_ply(folder / "run/model.ply").count == 200);
 }
 
-TEST_CASE("tune stores values that later commands use, and a dry run stores nothing") {
+TEST_CASE("tune stores a file, whose values `devices` lists, and a dry run stores nothing") {
   const TempFolder folder;
   setenv("UBS_TUNING", "on", 1);
   setenv("UBS_TUNING_DIR", (folder / "tuning").c_str(), 1);

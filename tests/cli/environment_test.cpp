@@ -57,7 +57,7 @@ TEST_CASE("no library is searched for in the working folder") {
         std::string::npos);  // a command without images does not load OpenCV's codecs
 }
 
-TEST_CASE("without the OpenCV module, commands that do not need it work, and others name the module") {
+TEST_CASE("without the OpenCV module, commands that do not need it work; errors of others name the module") {
   const TempFolder folder;
   std::filesystem::copy(UBS_EXECUTABLE, folder / "ubs");
   ubs_ok(folder, "synth glossy --size 16 --views 2 --test-views 1 --supersampling 1 --out data");
@@ -94,10 +94,11 @@ std::set<std::string> kept_kernels(const std::filesystem::path& folder) {
   return libraries;
 }
 
-// By default, PoCL runs code from a folder that another user may have created.
+// If ubs did not set a cache folder, PoCL would store compiled kernels in a folder such as /tmp/pocl, which
+// another user may have created, and run code from there.
 TEST_CASE("without a folder of the user, kernels are compiled in a folder that belongs to the process") {
   const TempFolder folder;
-  put(folder / fmt::format("ubs-{}", ::geteuid()), "");  // another user created it first
+  put(folder / fmt::format("ubs-{}", ::geteuid()), "");  // simulates that another user created it first
   for (const std::string given : {"", "HOME= XDG_CACHE_HOME= POCL_CACHE_DIR=", "UBS_KERNEL_CACHE=off"}) {
     const Result result =
         run_command(folder, fmt::format("strace -f -qq -e trace=mkdir,openat -o calls env -u HOME {}",
@@ -179,7 +180,7 @@ std::string train_command(int iterations, const std::string& more = "") {
       UBS_EXECUTABLE, iterations, more);
 }
 
-TEST_CASE("every command fails if it cannot write to stdout") {
+TEST_CASE("commands fail if they cannot write to stdout") {
   const TempFolder folder;
   make_data(folder);
   REQUIRE(run_command(folder, train_command(1, "--quiet")).code == 0);
@@ -200,7 +201,7 @@ TEST_CASE("every command fails if it cannot write to stdout") {
     CHECK(result.err.find(": error: cannot write to standard output: No space left on device\n") !=
           std::string::npos);
   }
-  // Commands that write files have nevertheless written them completely.
+  // The files that these commands write must exist nevertheless.
   for (const char* file : {"copy.ply", "copy.ubsd", "run/model.ply", "run2/metrics.json"})
     CHECK(std::filesystem::exists(folder / file));
   const Result errors =
@@ -290,8 +291,8 @@ TEST_CASE("too little address space gives a message with numbers, instead of a c
 }
 
 // Runs the command with files of the test in place of those that describe the control group of a process.
-// The tests write files for a control group whose parent has a limit of 300 MiB. In this way, both versions
-// of control groups are tested on every machine.
+// The test below writes files for a control group whose parent has a limit of 300 MiB. In this way, both
+// versions of control groups are tested on every machine on which a user may mount files.
 Result run_in_group(const TempFolder& folder, const std::string& command) {
   return run_command(
       folder, fmt::format("unshare -rm sh -c \"mount --bind cgroup /proc/\\$\\$/cgroup && mount --bind "
@@ -308,7 +309,7 @@ TEST_CASE("exceeding the memory limit of a control group gives exit code 6 and n
   put(folder / "groups/memory/job/memory.limit_in_bytes", limit);
   put(folder / "cgroup", "");
   if (run_in_group(folder, "true").code != 0) {
-    WARN("files cannot be mounted here: limits of control groups are tested without the executable only");
+    WARN("this test is skipped: files cannot be mounted; only memory_limit_test.cpp tests such limits");
     return;
   }
   const std::string train = fmt::format(
@@ -361,7 +362,7 @@ TEST_CASE("if the system refuses another thread, ubs ends with exit code 6 befor
   }
 }
 
-// PoCL stores one compiled kernel for each group size with which it is launched.
+// PoCL stores one compiled version of a kernel for each group size with which the kernel is launched.
 TEST_CASE("PoCL stores its kernels in the folder of ubs; training builds all of them before its first step") {
   const TempFolder folder;
   ubs_ok(folder, "synth glossy --out data --size 72 --views 3 --test-views 2 --supersampling 1");
@@ -395,7 +396,7 @@ TEST_CASE("PoCL stores its kernels in the folder of ubs; training builds all of 
   CHECK_FALSE(std::filesystem::exists(folder / fmt::format("ubs-{}/pocl", ::geteuid())));
 }
 
-TEST_CASE("SIGHUP ends and saves a training like Ctrl-C, but has no effect with nohup") {
+TEST_CASE("SIGHUP ends a training and saves its checkpoint and model, but has no effect with nohup") {
   const TempFolder folder;
   make_data(folder);
   const std::string train =
@@ -408,7 +409,7 @@ TEST_CASE("SIGHUP ends and saves a training like Ctrl-C, but has no effect with 
   CHECK_FALSE(std::filesystem::exists(folder / "run2/checkpoint.ubs"));
 }
 
-// A command that does not check for signals would end with 0 after minutes or hours.
+// A command that does not check for signals would end with the exit code 0 after minutes or hours.
 TEST_CASE("every long command ends soon after a signal, and leaves no half-written file") {
   const TempFolder folder;
   ubs_ok(folder, "synth glossy --out data --size 64 --views 8 --test-views 8");

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tests functions that new users need first: models store their render settings and training cameras,
-// commands accept folders instead of files, limits are respected, and messages are correct.
+// Tests features that new users need first: models store their render settings and training cameras, commands
+// accept folders instead of files, limits are respected, and messages are correct.
 #include <algorithm>
 #include <array>
 #include <catch2/catch.hpp>
@@ -41,7 +41,7 @@ const std::string& whole_help(const std::string& command) {
   return page;
 }
 
-// Returns the text that both programs print about their commands.
+// Returns the lists of commands that `ubs` and `ubs-lab` print if they are called without arguments.
 std::string all_commands(const TempFolder& folder) {
   return ubs_ok(folder, "").out + test::run_command(folder, fmt::format("'{}'", UBS_LAB_EXECUTABLE)).out;
 }
@@ -107,7 +107,7 @@ TEST_CASE("a run stores its data folder and the settings for reading it") {
   const json exported =
       json::parse(ubs_ok(folder, "convert sets/run e.spz --data sets/data --distill 0 --json").out);
   CHECK(exported["psnr_before"] == trained);
-  // The working folder of the command contains a different file with the name of the data of the run.
+  // The working folder of the command contains a different folder with the name of the data of the run.
   put(folder / "x/sets/data/notes.txt", "no data");
   fs::create_directory_symlink(".", folder / "sets/sets");
   const Result besides = test::run_command(
@@ -130,9 +130,9 @@ TEST_CASE("a run stores its data folder and the settings for reading it") {
   check_error(folder, "eval sets/run", 3, "other cameras, names or images");
 }
 
-// The table contains each command that `ubs` lists and whose help mentions a model, with the arguments that
-// it needs in addition to the folder.
-TEST_CASE("every command that accepts a model accepts the folder of its run without other arguments") {
+// The table contains each command that `ubs` or `ubs-lab` lists and whose help mentions a model or a run,
+// with the arguments that the command needs in addition to the folder.
+TEST_CASE("every command that accepts a model accepts the folder of a run, and finds the data of the run") {
   const TempFolder folder;
   put_scene(folder / "sets/data", 32, 6, 2);
   ubs_ok(folder, fmt::format("train sets/data --out sets/run --downscale 2 {}", kShort));
@@ -167,7 +167,7 @@ TEST_CASE("every command that accepts a model accepts the folder of its run with
     seen.insert(command);
     REQUIRE(rest.contains(command));
     const std::string& more = rest.at(command);
-    if (command == "view") {  // ends when it is interrupted, or immediately in a build without server
+    if (command == "view") {  // it only ends if it is interrupted, except in a build without a server
       const int code = test::ended_by(folder, fmt::format("view sets/run {}", more), SIGINT, "err.txt",
                                       "env -u DISPLAY -u WAYLAND_DISPLAY");
       const std::string said = get(folder / "err.txt");
@@ -195,7 +195,7 @@ TEST_CASE("without data, a model is rendered from its stored training cameras") 
   ubs_ok(folder, "render run --path train --path-frames 5 --out without");
   for (int i = 0; i < 5; ++i) {
     const std::string name = fmt::format("frame_{:04}.png", i);
-    // All eight cameras are stored, with seven digits.
+    // The model stores all eight cameras, with seven digits per number.
     const Image8 a = load_image(folder / "with" / name), b = load_image(folder / "without" / name);
     REQUIRE(a.rgb.size() == b.rgb.size());
     for (std::size_t k = 0; k < a.rgb.size(); ++k) CHECK(std::abs(a.rgb[k] - b.rgb[k]) <= 1);
@@ -255,11 +255,12 @@ TEST_CASE("info counts the views that training will use") {
   CHECK(views() == 4);
   fs::remove(folder / "data/train/r_001.png");
   CHECK(views() == 3);
-  for (const char* name : {"train", "test"}) fs::remove_all(folder / "data" / name);  // only cameras
+  // Without any images, the cameras alone are not sufficient.
+  for (const char* name : {"train", "test"}) fs::remove_all(folder / "data" / name);
   check_error(folder, "info data --json", 3, "none of the 4 images exists");
 }
 
-TEST_CASE("an interrupted run does not show an earlier measurement as its own") {
+TEST_CASE("an interrupted run states the iteration at which its test views were last measured") {
   const TempFolder folder;
   put_scene(folder / "data", 24, 4, 1);
   put(folder / "stop.sh",
@@ -287,7 +288,6 @@ TEST_CASE("compare distinguishes devices with the same name") {
   CHECK_THAT(table, Contains("(opencl, cpu) ") && Contains("(opencl, gpu) "));
 }
 
-// Checks the initial points of a data set without points.
 TEST_CASE("without points, splats start where the cameras look") {
   const TempFolder folder;
   put_scene(folder / "data", 24, 6, 1);
@@ -353,7 +353,7 @@ TEST_CASE("a model that overfits its training images is reported") {
   CHECK_THAT(ubs_ok(folder, train + "short --iterations 10").out, !Contains("overfit"));
 }
 
-TEST_CASE("ubs train FOLDER chooses all other settings and reports them") {
+TEST_CASE("ubs train FOLDER chooses an output folder and all settings that are not given, and reports them") {
   const TempFolder folder;
   put_scene(folder / "sets/data", 24, 6, 1, "orbit");
   const std::string few = " --iterations 1 --init-points 50";
@@ -416,7 +416,7 @@ std::string said_at_begin(const TempFolder& folder, const std::string& arguments
   return get(folder / "out.txt");
 }
 
-TEST_CASE("without --iterations and --budget, a run ends after 16 000 iterations or 15 minutes") {
+TEST_CASE("without --iterations and --budget, a run announces a budget of 15 minutes") {
   const TempFolder folder;
   put_scene(folder / "data", 64, 8, 1);
   CHECK_THAT(said_at_begin(folder, "data --dim 6 --out whole --cap-max 100 --init-points 50"),
@@ -528,7 +528,7 @@ TEST_CASE("help: pages have groups and examples, and list few options unless all
   }
 }
 
-// A script that replaces COLMAP. It checks its arguments and writes cameras as text.
+// A script that replaces COLMAP. It checks its arguments, and copies the models in small/ and large/.
 constexpr const char* kColmap = R"(#!/bin/sh
 echo "$@" >>calls.txt
 case "$1" in
@@ -607,7 +607,7 @@ TEST_CASE("a learnt background requires opaque images and is stored in the model
     const std::string found = trained["learnt_background"];
     CHECK(std::ranges::count(found, ',') == (learnt == "sky" ? 26 : 2));
     CHECK_THAT(get(folder / (out + "/model.ply")), Contains("background=" + found));
-    // Tests the model file alone, and as part of a run whose settings contain `learn`.
+    // Tests the model file alone, and as part of a run whose settings contain `sky` or `learn`.
     for (const std::string& model : {out + "/model.ply photos --test-every 2", out}) {
       const json measured = json::parse(ubs_ok(folder, "eval " + model + " --json").out);
       for (const char* figure : {"psnr", "psnr_joint", "ssim"})
@@ -664,7 +664,7 @@ TEST_CASE("cameras of photographs come from COLMAP") {
              Contains("exhaustive_matcher --database_path") && Contains("mapper --database_path") &&
                  Contains("printf '%s\\n' p0.png p1.png p2.png >"));
   CHECK(test::file_count(folder / "photos") ==
-        3);  // nothing is written, because the photographs may be read-only
+        3);  // a dry run writes nothing, because the folder of the photographs may be read-only
   put(folder / "fail", "");
   check_error(folder, "cameras photos --quiet --colmap ./colmap", 3,
               "exhaustive_matcher ended with code 3: the matcher broke");
@@ -684,7 +684,7 @@ TEST_CASE("cameras of photographs come from COLMAP") {
   check_error(folder, "cameras photos --colmap ./colmap", 2, "cameras are already there (");
 }
 
-TEST_CASE("cameras: existing cameras and photographs in unsupported formats are recognised") {
+TEST_CASE("cameras: existing cameras, videos, and photographs in unsupported formats are recognised") {
   const TempFolder folder;
   fs::create_directories(folder / "photos/images");
   for (int i = 0; i < 4; ++i)
@@ -734,7 +734,7 @@ TEST_CASE("a report shows the worst view and lists problems") {
              Contains("1 of 60 splats are more than 10 extents"));
 }
 
-TEST_CASE("devices --doctor prints a page that ends with a verdict") {
+TEST_CASE("devices --doctor prints a page about the devices that contains a verdict") {
   const TempFolder folder;
   const Result page = ubs_ok(folder, "devices --doctor --device cpu");
   for (const char* part :

@@ -80,7 +80,7 @@ TEST_CASE("cli: names of views only lead to files in the output folder, and each
 }
 
 TEST_CASE(
-    "cli: truncated or damaged weights of LPIPS, or those of another network, give one line and exit code "
+    "cli: weights of LPIPS that are truncated, damaged or incomplete give one line; most give exit code "
     "3") {
   const TempFolder folder;
   test::put_image(folder / "a/x.png", 64, 64);
@@ -115,7 +115,8 @@ TEST_CASE(
   CHECK(refused > mutants * 3 / 4);
   std::size_t changed = 0;
   for (const auto& [name, tensor] : whole.tensors) {
-    if (!whole_sweep() && changed++ % 3 != 0) continue;  // tests weights, biases and a linear head
+    // Every third tensor is tested. These include weights, biases and a linear head.
+    if (!whole_sweep() && changed++ % 3 != 0) continue;
     INFO(name);
     auto fewer = whole.tensors, flat = whole.tensors;
     fewer.erase(name);
@@ -200,7 +201,7 @@ TEST_CASE("cli: a data path that is not valid text is preserved in every file") 
   ubs_ok(folder, fmt::format("pack {} --out p.ubsd", shell(data)));
 }
 
-TEST_CASE("cli: names that are too long and loops of links give data errors") {
+TEST_CASE("cli: names that are too long and loops of links do not give internal errors") {
   const TempFolder folder;
   synthesise(folder, "data");
   put_model(folder / "m.ply");
@@ -235,7 +236,7 @@ TEST_CASE("cli: names that are too long and loops of links give data errors") {
         "plan --data {}",
         "train --data data --out run --lpips vgg --lpips-weights {}"};
     for (std::size_t i = 0; i < commands.size(); ++i) {
-      if (!whole_sweep() && (i + kind) % 3 != 0) continue;  // tests one of three paths per command
+      if (!whole_sweep() && (i + kind) % 3 != 0) continue;  // tests each command with one of the three paths
       const std::string& command = commands[i];
       const Result result = run_ubs(folder, fmt::format(fmt::runtime(command), bad, bad));
       INFO(command.substr(0, 60) << " with " << bad.substr(0, 10) << ": " << result.err.substr(0, 300));

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tests plans, budgets, checkpoints and evaluations with the executable. resume_test.cpp tests runs that are
-// killed or interrupted.
+// Tests plans, budgets, checkpoints, evaluations and the training on wide images with the executable.
+// resume_test.cpp tests runs that are killed or interrupted.
 #include <catch2/catch.hpp>
 #include <cstdlib>
 #include <filesystem>
@@ -51,8 +51,8 @@ TEST_CASE("cli: views of wide images have no opacity penalty unless the user set
   const std::string train = "train --data data --quiet --dim 3 --init-points 50 --cap-max 100 --out ";
   ubs_ok(folder, train + "a --iterations 2");
   CHECK(penalty("a") == 0);
-  // The test image is divided into six pinhole views. The mean contains it only once, measured with its own
-  // lens, and with its fitted exposure and pose.
+  // The test image is divided into six pinhole views. The mean of the metrics contains this image only once.
+  // It is measured with its own lens, and with its fitted exposure and pose.
   ubs_ok(folder, train + "d --iterations 2 --refine-cameras pose --appearance gain --test-every 3");
   const json test = json::parse(get(folder / "d/metrics.json"))["test"];
   CHECK(test["views"].size() == 6);
@@ -81,7 +81,8 @@ TEST_CASE("cli: views of wide images have no opacity penalty unless the user set
 TEST_CASE("cli: a full disk does not end a run") {
   const TempFolder folder;
   synthesise(folder);
-  // Files larger than 2 MiB cannot be written. Checkpoints of 8000 splats need 3.4 MiB, the model 1.1 MiB.
+  // A limit for the size of files simulates a full disk: files larger than 2 MiB cannot be written. With 8000
+  // splats, a checkpoint needs 3.4 MB, and the model needs 1.1 MB.
   const Result result =
       shell(folder,
             "trap '' XFSZ; ulimit -f 2048; exec \"$ubs\" train --data data --out run --quiet "
@@ -104,7 +105,7 @@ TEST_CASE("cli: plan estimates the time and memory of a run, and the run records
   for (const char* part : {"-DUBS_N=6", "raster_forward", "memory at the end", "intersections",
                            "1000 iterations at the measured"})
     CHECK(text.out.find(part) != std::string::npos);
-  CHECK(test::file_count(folder.path()) == 3);  // data, stdout.txt and stderr.txt: the command made no files
+  CHECK(test::file_count(folder.path()) == 3);  // data, stdout.txt and stderr.txt: plan writes no files
   const json plan = json::parse(run_ubs(folder, "plan --json " + options).out);
   CHECK(plan["start"]["splats"] == 300);
   CHECK(plan["end"]["splats"] == 500);
@@ -183,8 +184,8 @@ TEST_CASE("cli: a run with a time budget records settings that reproduce it") {
               "remove --budget or --iterations");
   check_error(folder, "train --resume own --budget 9s", 2, "--budget +9s");
   check_error(folder, "train --resume own --budget +soon", 2, "90s");
-  // The interrupted run is completed within a short time. Its schedule is complete, and is recorded in its
-  // settings.
+  // The interrupted run `own` is completed with a budget of one more second. Its settings then contain the
+  // complete schedule.
   const int so_far = json::parse(get(folder / "own/metrics.json"))["iterations"].get<int>();
   const Result completed = ubs_ok(folder, "train --resume own --budget +1s");
   const std::string shares = get(folder / "own/config.yaml");

@@ -67,7 +67,7 @@ TEST_CASE("outputs: training does not change photographs, wherever they are") {
   CHECK(fs::exists(folder / "run/renders/r_000.png"));
 }
 
-TEST_CASE("outputs: a run replaces files with its names only with --overwrite") {
+TEST_CASE("outputs: a run replaces files that have the names of its results only with --overwrite") {
   const TempFolder folder;
   synthesise(folder);
   const TempFolder other;
@@ -107,7 +107,7 @@ TEST_CASE("outputs: renders of an earlier run are removed if its metrics list th
   CHECK(get(folder / "run/renders/r_007.png") == "my photograph");
   CHECK(get(folder / "run/model.ply") == first.at("model.ply"));
 
-  // Names that lead to other folders remove nothing.
+  // Entries of the list that are not plain file names are ignored, so nothing is removed.
   nlohmann::json metrics = nlohmann::json::parse(get(folder / "run/metrics.json"));
   CHECK(metrics.at("renders") == nlohmann::json{"r_000.png"});
   put(folder / "mine.png", "precious");
@@ -134,13 +134,13 @@ TEST_CASE("outputs: renders of an earlier run are removed if its metrics list th
   }
 }
 
-TEST_CASE("outputs: results may go into a folder inside the data folder") {
+TEST_CASE("outputs: results may be written to a new folder inside the data folder") {
   const TempFolder folder;
   synthesise(folder);
   ubs_ok(folder, train("run"));
   const auto data = contents(folder / "data");
   ubs_ok(folder, train("data/output"));
-  ubs_ok(folder, train("data/output", "--overwrite"));  // does not read the first run as data
+  ubs_ok(folder, train("data/output", "--overwrite"));  // must not read the first run as data
   ubs_ok(folder, "render data/output --out data/pictures");
   ubs_ok(folder, "render data/output --out data/pictures --overwrite");
   CHECK(get(folder / "data/output/model.ply") == get(folder / "run/model.ply"));
@@ -251,8 +251,9 @@ TEST_CASE("outputs: commands replace a file only with --overwrite, and never the
   for (const char* name : {"mine.mp4", "mine.png"}) put(folder / name, "precious");
   fs::create_symlink("mine.mp4", folder / "link.mp4");
   fs::create_symlink("nowhere", folder / "dangling.mp4");
-  // Tests each command with its own output as an existing file, and with the output of one other command. If
-  // UBS_TEST_ALL is set, tests it with the outputs of all other commands.
+  // Tests each command with an existing file as its output, and with one of these outputs: a link to a file,
+  // a link to nothing, and, if the command reads a file, this file and a hard link to it. With
+  // UBS_TEST_ALL=1, tests each command with all of these outputs.
   const bool all = test::whole_sweep();
   std::size_t turn = 0;
   for (const Writer& writer : kWriters) {
@@ -283,7 +284,7 @@ TEST_CASE("outputs: commands replace a file only with --overwrite, and never the
                 "two results");
 }
 
-TEST_CASE("outputs: commands that write a folder replace files with their names only with --overwrite") {
+TEST_CASE("outputs: commands that write to a folder replace existing results only with --overwrite") {
   const TempFolder folder;
   synthesise(folder);
   ubs_ok(folder, train("run"));
@@ -304,7 +305,7 @@ TEST_CASE("outputs: commands that write a folder replace files with their names 
         {"data/test", "this folder contains images or cameras"},
         {"data", "is the data"},
         {".", "holds the data"}};
-    // Tests each command with one of these places, or with all of them if UBS_TEST_ALL is set.
+    // Tests each command with one of these places, or with all of them if UBS_TEST_ALL=1 is set.
     for (std::size_t i = 0; const auto& [place, message] : places)
       if (i++ == turn % 3 || test::whole_sweep()) check_refused(folder, with_out(arguments, place), message);
   }

@@ -19,7 +19,7 @@ using test::ubs_ok;
 constexpr const char* kShort =
     "--device cpu --iterations 20 --set init_points=300 --set cap_max=300 --save-renders 1 --quiet";
 
-TEST_CASE("a packed set gives the same model as its folder, and devices agree on the model", "[cli]") {
+TEST_CASE("a packed set gives the same model as its folder, and both rasterisers render it alike", "[cli]") {
   const TempFolder folder;
   ubs_ok(folder, "synth glossy --out data --size 32 --views 6 --test-views 2");
   ubs_ok(folder, "pack data --out set.ubsd --json");

@@ -28,7 +28,8 @@ using test::run_ubs;
 using test::TempFolder;
 using test::ubs_ok;
 
-// Returns a folder with the runs 'still' (N = 6) and 'moving' (N = 7), which are trained once for all tests.
+// Returns a folder with the runs 'still' (N = 6) and '<i>moving' (N = 7), which are trained once for all
+// tests.
 const TempFolder& trained() {
   static const TempFolder folder;
   static const bool done = [] {
@@ -116,8 +117,8 @@ Page read_page(const fs::path& path) {
   Page page{test::check_html(text), {}, {}};
   CHECK(page.html.error == "");
   check_policy(text, page.html);
-  for (const HtmlElement& e : page.html.elements)
-    for (const char* key : {"src", "href"}) CHECK((e.at(key).empty() || e.at(key) == "data:,"));  // no icon
+  for (const HtmlElement& e : page.html.elements)  // "data:," is an empty icon
+    for (const char* key : {"src", "href"}) CHECK((e.at(key).empty() || e.at(key) == "data:,"));
   const auto data = [&](const std::string& id) {
     const std::string open = "<script id=\"" + id + "\" type=\"application/json\">";
     REQUIRE(contains(text, open));
@@ -229,7 +230,7 @@ TEST_CASE("report: the page of one run contains its data", "[cli]") {
   put(folder / "still/metrics.json", metrics.dump());
 }
 
-TEST_CASE("report: dynamic scenes and names that look like markup", "[cli]") {
+TEST_CASE("report: a page can show dynamic scenes, and names that look like markup", "[cli]") {
   const TempFolder& folder = trained();
   ubs_ok(folder, "report '<i>moving' --device cpu --views 2 --out moving.html");
   const Page page = read_page(folder / "moving.html");
@@ -334,14 +335,15 @@ TEST_CASE("report: data that replaced those of the run are not used as its groun
     ubs_ok(from, "report " + run + "/ --device cpu --views 1 --out page.html --overwrite" + arguments);
     return counts(read_page(from / "page.html"))["truth"];
   };
-  // Data in a folder above the run are not used, and data in the working folder only if the run was trained
-  // on them.
+  // The folder there/data is not next to the run, so it is not searched. Data in the working folder are only
+  // used if the run was trained on them, or if --data selects them.
   CHECK(truths(here, "") == 0);
   CHECK(contains(get(here / "stderr.txt"), "data folder data does not exist"));
   CHECK(truths(there, "") == 0);
   CHECK(contains(get(there / "stderr.txt"), "data is not the data that the run was trained on"));
   CHECK(truths(there, " --data data") == 1);
   CHECK(contains(get(there / "stderr.txt"), "data is not the data that the run was trained on"));
+  // The data next to the run are those that the run was trained on, so they are used.
   fs::copy(folder / "data", there / "runs/a/data", fs::copy_options::recursive);
   for (const TempFolder* from : {&there, &here}) {
     CHECK(truths(*from, "") == 1);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tests runs that are killed or interrupted, and then resumed. The tracer of tests/fault ends them at a
-// chosen system call, so the tests do not depend on the speed of the machine.
+// Tests runs that are killed or interrupted, and then resumed. The tracer of tests/fault kills them or sends
+// a signal at a chosen system call, so the tests do not depend on the speed of the machine.
 #include <catch2/catch.hpp>
 #include <csignal>
 #include <filesystem>
@@ -59,7 +59,7 @@ void kill_run(const TempFolder& folder, const std::string& out, const std::strin
   REQUIRE(faulty_run(folder, out, arguments, "checkpoint.ubs", fault).signal == SIGKILL);
 }
 
-// Sends the signal to a run when it is about to write the third row of its log.
+// Sends the signal to a run when it is about to write to its log for the third time.
 void interrupt_run(const TempFolder& folder, const std::string& out, int signal, const std::string& more) {
   const Fault fault{.kinds = test::write_calls, .nth = 3, .action = Fault::signal, .number = signal};
   REQUIRE(faulty_run(folder, out, fmt::format("{} {}", kRun, more), "log.csv", fault).code == 130);
@@ -90,12 +90,14 @@ TEST_CASE("cli: a run that was killed or interrupted gives the same bytes when i
     const json metrics = json::parse(get(folder / out / "metrics.json"));
     CHECK(metrics["resumed_from"].get<int>() > 0);
     CHECK(metrics["interrupted"] == false);
-    CHECK_THAT(metrics["data_report"].dump(), !Contains("random positions"));  // creates no splats
+    // A resumed run creates no initial splats.
+    CHECK_THAT(metrics["data_report"].dump(), !Contains("random positions"));
   }
   check_error(folder, "train --resume whole", 2, "this run is finished");
 }
 
-// `length` is the option for the length of the training. The training is always longer than the test.
+// Tests Ctrl-C during a training. `length` is the option for the length of the training, which must be longer
+// than the test takes.
 void check_ctrl_c(const std::string& length) {
   INFO(length);
   const TempFolder folder;
@@ -142,8 +144,8 @@ void check_ctrl_c(const std::string& length) {
   same = get(folder / "early/model.ply") == get(folder / "longer/model.ply");
   CHECK(same);
 
-  // The signal is sent at every row of the log. Signals within half a second after the first one count as the
-  // same Ctrl-C, and a later signal counts as the second Ctrl-C.
+  // The signal is sent at every write to the log from the 30th on. Signals within half a second after the
+  // first one count as the same Ctrl-C, and a later signal counts as the second Ctrl-C.
   fault.lasting = true;
   run = faulty_run(folder, "ended", train, "log.csv", fault);
   INFO(run.err);
@@ -169,7 +171,7 @@ TEST_CASE("cli: the first Ctrl-C completes a run, and the second one ends it") {
   check_ctrl_c("--iterations 200000");
 }
 
-TEST_CASE("cli: a run that was completed early can be resumed without more time, as if it had not been") {
+TEST_CASE("cli: a run that Ctrl-C has completed early can be resumed as if Ctrl-C had not been pressed") {
   const TempFolder folder;
   synthesise(folder);
   ubs_ok(folder, fmt::format("train {} --out whole", kRun));

@@ -33,9 +33,9 @@ using test::Result;
 using test::TempFolder;
 using test::ubs_ok;
 
-// There are more ranks than cores. Each rank gets two threads of the device, because kernels depend on the
-// number of threads, and those for two threads are in the cache of the CI machine. Root may use mpirun in a
-// container.
+// Environment variables of every rank. The first two allow root to use mpirun, as in a container. Each rank
+// gets two threads of the device, because there are more ranks than cores. Kernels depend on the number of
+// threads, and those for two threads are already in the cache of the CI machine.
 const std::string kAsRank =
     "OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1 POCL_MAX_PTHREAD_COUNT=2";
 
@@ -52,8 +52,8 @@ void ranks_ok(const TempFolder& folder, int count, const std::string& arguments)
   REQUIRE(result.code == 0);
 }
 
-// The training grows from 300 to 420 splats within the first refinements, and relocates splats that the
-// penalty makes transparent.
+// Returns the command of a training that grows from 300 to 420 splats within the first refinements, and
+// relocates splats that the opacity penalty makes transparent.
 std::string training(int dim, int batch, const std::string& out, int iterations = 120) {
   return fmt::format(
       "train data --out {} --dim {} --batch {} --init-points 300 --cap-max 420 --iterations {} "
@@ -110,7 +110,7 @@ TEST_CASE("learning rates of Adam scale with the square root of the batch size, 
   CHECK(scaled.noise(700) == as_given.noise(700));
 }
 
-TEST_CASE("plan of ranks: views, splats and bytes are divided, and transfers during rendering are hidden") {
+TEST_CASE("plan of ranks: work and bytes are divided, and transfers during rendering take no extra time") {
   RankCosts costs;
   costs.whole = {2, 1e-5};
   costs.project = {0.5, 1e-6};
@@ -131,7 +131,7 @@ TEST_CASE("plan of ranks: views, splats and bytes are divided, and transfers dur
   // 64 bytes each. The rank sends the records of its splats for the 2 views of the other rank, and the
   // gradients of its own 2 views for the splats of the other rank.
   CHECK(two.sent_bytes == Approx(0.5 * 64 * 5e5 * (2 + 2)));
-  // The transfer takes 64 ms at 1 GB/s, of which 6 ms are hidden by the rendering of one view.
+  // The transfer takes 64 ms at 1 GB/s. For 6 ms of this time, the rank also renders one view.
   CHECK(two.network_ms == Approx(64 - 6));
   CHECK(of(2, 4, {100, 0}).network_ms == Approx(0.64 / 2));
   // With 4 views, 4 of the 8 ranks render nothing, so the time is more than half of the time of 8 views.
@@ -140,7 +140,7 @@ TEST_CASE("plan of ranks: views, splats and bytes are divided, and transfers dur
   CHECK(of(64, 64, {}).device_bytes < of(1, 64, {}).device_bytes);
 }
 
-// Kills the last rank of a job, whose run is `many`, after its first checkpoint.
+// Starts a job whose output folder is `many`, and kills its last rank after the first checkpoint.
 void kill_one(const TempFolder& folder, int count, const std::string& arguments,
               const std::string& environment = "") {
   // The ranks are child processes of the launcher.
@@ -176,7 +176,7 @@ wait $job)sh",
   CHECK(metrics(folder, "many")["interrupted"] == true);
 }
 
-TEST_CASE("ranks: training gives the same bits for every number of ranks and of threads per rank") {
+TEST_CASE("ranks: training gives the same bits for different numbers of ranks and of threads per rank") {
   const TempFolder folder;
   synthesise(folder);
   for (const int dim : {3, 6, 7})
@@ -202,8 +202,8 @@ TEST_CASE("ranks: training gives the same bits for every number of ranks and of 
 }
 
 TEST_CASE(
-    "ranks: relocation without growth, more ranks than views and blocks of splats, a learnt sky, random "
-    "colours") {
+    "ranks: the bits are the same without growth, with few views and splats, a learnt sky or random "
+    "backgrounds") {
   const TempFolder folder;
   synthesise(folder);
   for (const auto& file : std::filesystem::recursive_directory_iterator(folder.path() / "data"))
@@ -223,7 +223,7 @@ TEST_CASE(
   // were relocated.
   ubs_ok(folder, base + more + " --set refine=500:25000:30000 --out unrefined");
   CHECK_FALSE((get(folder / "one/model.ply") == get(folder / "unrefined/model.ply")));
-  ranks_ok(folder, 3, base + more + " --out three");  // there are only 2 views and 2 blocks of splats
+  ranks_ok(folder, 3, base + more + " --out three");  // a step has only 2 views and 2 blocks of splats
   check_same(folder, "one", "three");
   for (const char* view : {"r_000", "r_001"})
     CHECK((get(folder / fmt::format("one/renders/{}.png", view)) ==
@@ -237,8 +237,8 @@ TEST_CASE(
 TEST_CASE("ranks: the quality of wide images is measured in their own lens model") {
   const TempFolder folder;
   test::put_panoramas(folder / "data", 4);
-  // Also measures the quality after 20 iterations, so that training continues after other cameras were
-  // rendered.
+  // The quality is also measured after 20 iterations, so that the training continues after other cameras have
+  // been rendered.
   const std::string train =
       "train data --dim 6 --batch 4 --init-points 300 --cap-max 300 --iterations 40 --test-every 2 "
       "--eval-every 20 --appearance gain --save-renders 0 --quiet --out ";
@@ -252,9 +252,10 @@ TEST_CASE("ranks: the quality of wide images is measured in their own lens model
 TEST_CASE("messages between ranks", "[.rank]") {
   const std::unique_ptr<Communicator> ranks = join_job({.message = 1000});
   REQUIRE(ranks);
-  CHECK(launched_ranks() == 1);  // for processes that a rank starts
+  CHECK(launched_ranks() == 1);  // join_job() hides the job, so that processes that a rank starts run alone
   const auto size = static_cast<std::size_t>(ranks->size()), rank = static_cast<std::size_t>(ranks->rank());
-  // Sends 0 to 100 messages to each rank, with different sizes in each direction.
+  // Each rank sends data to each rank. The sizes differ in each direction, from 0 bytes to many times the
+  // maximum size of a message, which is 1000 bytes here.
   const auto count = [](std::size_t from, std::size_t to) { return from * to * 2500 + to; };
   std::vector<std::vector<std::uint32_t>> pieces;
   for (std::size_t to = 0; to < size; ++to)
@@ -362,7 +363,7 @@ TEST_CASE("ranks: training gives the same bits if one rank has no visible splats
       "ply\nformat ascii 1.0\nelement vertex 300\nproperty float x\nproperty float y\n"
       "property float z\nproperty uchar red\nproperty uchar green\nproperty uchar blue\n"
       "end_header\n";
-  for (int i = 0; i < 300; ++i)  // the second half beyond the far plane
+  for (int i = 0; i < 300; ++i)  // the points of the second half are beyond the far plane
     points += fmt::format("{} {} {} {} 120 90\n", (i < 150 ? 0.0 : 2e3) + 0.1 * (i % 7), 0.1 * (i % 5) - 0.2,
                           0.1 * (i % 3) - 0.1, i % 256);
   test::put(folder / "data/points3d.ply", points);
@@ -465,7 +466,7 @@ TEST_CASE("ranks: images, frames and measurements are the same as with one proce
   CHECK(a["views"].size() == 3);
   CHECK(a["views"] == b["views"]);
   CHECK(a["mean"] == b["mean"]);
-  // The sums of such weights are infinite.
+  // With such large weights, the sums in the network are infinite.
   TensorFile weights = check::random_weights(lpips_network("alex"), 3);
   std::ranges::fill(weights.tensors["features.0.weight"].values, 3e38f);
   fs::create_directory(folder / "w");
@@ -493,7 +494,7 @@ TEST_CASE("ranks: a killed rank ends the job, which can be resumed with another 
 }
 
 // The test does not wait for the end of the run.
-TEST_CASE("ranks: without --iterations and --budget, ranks use the schedule of a single process") {
+TEST_CASE("ranks: without --iterations and --budget, a run has 16 000 iterations, and no time budget") {
   const TempFolder folder;
   synthesise(folder);
   test::put(
@@ -554,7 +555,7 @@ TEST_CASE("ranks: errors are printed once, with the number of the rank") {
                           UBS_MPIEXEC, UBS_MPIEXEC_FLAGS));
   INFO(stuck.err);
   CHECK(stuck.code == 4);
-  CHECK_FALSE(get(folder / "stuck/log.csv").empty());  // it was stopped, and was not just slow to start
+  CHECK_FALSE(get(folder / "stuck/log.csv").empty());  // the rank was stopped, and not just slow to start
   CHECK_THAT(stuck.err, Contains("no answer from the other ranks"));
 }
 

@@ -202,7 +202,7 @@ unsigned lane() { return block.current % kLanes; }
 void barrier() { meet(block.all, static_cast<unsigned>(block.fibres.size())); }
 
 std::uint32_t exchange(std::uint32_t value, unsigned mask, unsigned source) {
-  if (mask != 0xffffffffu) stop("a warp operation with only part of a warp");
+  if (mask != 0xffffffffu) stop("a warp operation does not include all threads of the warp");
   Warp& warp = block.warps[block.current / kLanes];
   const unsigned generation = warp.meeting.generation;
   warp.values[generation % 2][lane()] = value;
@@ -211,7 +211,7 @@ std::uint32_t exchange(std::uint32_t value, unsigned mask, unsigned source) {
 }
 
 unsigned ballot(unsigned mask, bool value) {
-  if (mask != 0xffffffffu) stop("a warp operation with only part of a warp");
+  if (mask != 0xffffffffu) stop("a warp operation does not include all threads of the warp");
   Warp& warp = block.warps[block.current / kLanes];
   const unsigned generation = warp.meeting.generation;
   warp.values[generation % 2][lane()] = value;

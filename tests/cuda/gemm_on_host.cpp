@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Replaces the matrix product of cuBLAS by three simple loops.
+// Replaces the matrix product of cuBLAS by three nested loops.
 #include "cuda_backend/cuda_gemm.hpp"
 
 namespace ubs::cuda {

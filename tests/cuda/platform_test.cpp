@@ -16,21 +16,21 @@ struct OtherCard {
   ~OtherCard() { cuda_on_host::card = {}; }
 };
 
-// Lists the devices twice and returns what is printed. A process may list devices several times, and the
-// second list must be equal to the first. Each message is printed only once per process, so each test uses
-// different version numbers.
+// Lists the devices twice and returns the text that is printed. A process may list devices several times, and
+// both lists must have the same length. Each message is printed only once per process, so each test causes a
+// different message.
 std::string remarks_of_listing(std::size_t devices) {
   return test::on_stderr([&] {
     for (int i = 0; i < 2; ++i) CHECK(cuda::list_devices().size() == devices);
   });
 }
 
-TEST_CASE("without a driver or a GPU, no CUDA devices are listed and no messages are printed", "[cuda]") {
+TEST_CASE("no messages are printed without a driver, without a GPU, and for a supported GPU", "[cuda]") {
   SECTION("no driver") {
     const OtherCard card({.runtime = 13000, .count = cudaErrorInsufficientDriver});
     CHECK(remarks_of_listing(0).empty());
   }
-  SECTION("no card") {
+  SECTION("no GPU") {
     const OtherCard card({.driver = 13000, .runtime = 13000, .count = cudaErrorNoDevice});
     CHECK(remarks_of_listing(0).empty());
   }

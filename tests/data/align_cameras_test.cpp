@@ -62,14 +62,16 @@ View seen_from(const Camera& camera, const cv::Mat& wall, const cv::Mat& board) 
 }
 
 struct PoseErrors {
-  double turn = 0, centre = 0;  // root mean squares over the cameras, in radians and in units of the scene
+  // Root mean squares over the cameras: of the rotation angles [rad], and of the distances of the centres
+  // [units of the scene].
+  double turn = 0, centre = 0;
 };
 
 PoseErrors errors(std::vector<Camera> cameras, std::span<const Camera> truth) {
   hold_gauge(cameras, truth);
   PoseErrors e;
   for (std::size_t i = 0; i < cameras.size(); ++i) {
-    const CameraMove move = pose_move(truth[i], cameras[i], 0);  // around the centre
+    const CameraMove move = pose_move(truth[i], cameras[i], 0);  // a rotation around the centre of the camera
     e.turn += dot({move[0], move[1], move[2]}, {move[0], move[1], move[2]});
     const Vec3 away = Vec3(cameras[i].centre()) - truth[i].centre();
     e.centre += dot(away, away);
@@ -100,10 +102,10 @@ TEST_CASE("cameras are aligned by keypoints of their images") {
   CHECK(found.after < 0.07);  // [px]; observed 0.036
   CHECK(found.before > 4 * found.after);
   const PoseErrors before = errors(given, truth), after = errors(found.cameras, truth);
-  INFO("turn " << after.turn << " of " << before.turn << ", centre " << after.centre << " of "
-               << before.centre);
-  CHECK(after.turn < 0.08 * before.turn);  // observed ratios: 0.041 and, for centres, 0.055
-  CHECK(after.centre < 0.11 * before.centre);
+  INFO("rotation error " << after.turn << ", before " << before.turn << "; centre error " << after.centre
+                         << ", before " << before.centre);
+  CHECK(after.turn < 0.08 * before.turn);      // observed ratio: 0.041
+  CHECK(after.centre < 0.11 * before.centre);  // observed ratio: 0.055
   const Alignment again = align_cameras(views);
   for (std::size_t i = 0; i < kViews; ++i) {
     CHECK(again.cameras[i].rotation == found.cameras[i].rotation);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tests the loader of transforms_*.json: camera mathematics, intrinsics, time, names, missing images, every
-// error, and two real data sets if they are available. Scene extent is also tested with these cameras.
+// Tests the loader of transforms_*.json: camera mathematics, intrinsics, time, names, missing images, errors,
+// and two real data sets if they are available. The file also contains the test of scene_extent().
 #include "host/data/blender.hpp"
 
 #include <cmath>
@@ -244,7 +244,8 @@ TEST_CASE("blender: errors contain the file, the frame and the field", "[blender
   CHECK_THAT(refusal(document(frame(""), "\"w\": 8, \"h\": 8")), Contains("'camera_angle_x' or 'fl_x'"));
 }
 
-TEST_CASE("the scene extent is 1.1 times the largest distance of a camera from their mean", "[blender]") {
+TEST_CASE("the scene extent is 1.1 times the largest distance of a camera from the mean of all cameras",
+          "[blender]") {
   std::vector<View> views(3);
   views[0].camera.translation = {3, 0, 0};  // identity rotation: centre = -translation
   views[1].camera.translation = {-3, 0, 0};
@@ -277,7 +278,8 @@ TEST_CASE("blender: the static dataset lego is loaded", "[blender]") {
   CHECK(scene_extent(train.views) > 4);
 }
 
-TEST_CASE("blender: a real dynamic set whose test times span less than the training times", "[blender]") {
+TEST_CASE("blender: a real dynamic data set is loaded, and its test times are inside the training times",
+          "[blender]") {
   UBS_REQUIRE_DATA(folder, "mujoco_dyn_scene10_texture_400");
   DatasetOptions options;
   options.load_images = false;

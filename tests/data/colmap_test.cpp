@@ -20,7 +20,7 @@ constexpr const char* kCameras =
     "# comment\n1 PINHOLE 64 48 50 51 33 23\n2 SIMPLE_RADIAL 64 48 50 32 24 0.1\n";
 constexpr const char* kPoints = "1 0.5 -1 4 10 20 30 0.7 1 2\n2 1 1 5 40 50 60 0.1\n";
 
-// Creates ten images named im0 to im9 in reverse order, all with the given camera.
+// Returns the text of a file images.txt with ten images, from im9.png to im0.png, all with the given camera.
 std::string images_text(int camera = 1) {
   std::string text = "# two lines each\n";
   for (int i = 9; i >= 0; --i)
@@ -74,7 +74,7 @@ TEST_CASE("colmap: a text model becomes a data set", "[colmap]") {
   CHECK(data.report.layout == "colmap");
   CHECK(data.report.skipped.empty());
   REQUIRE(data.find("train")->views.size() == 8);
-  REQUIRE(data.find("test")->views.size() == 2);  // 0 and 8 of the sorted names
+  REQUIRE(data.find("test")->views.size() == 2);  // the images with the sorted names 0 and 8
   CHECK(data.find("test")->views[0].name == "im0");
   CHECK(data.find("test")->views[1].name == "im8");
   const View& view = data.find("train")->views[2];  // im3: t = (3, 0, 0)
@@ -500,7 +500,7 @@ TEST_CASE("colmap: real scenes are loaded", "[colmap][data]") {
     }
     CHECK_FALSE(data.find("train")->views[0].has_image());
 
-    // Most points must be in front of the cameras and inside the image.
+    // At least 30 % of the points must be in front of the second test camera and inside its image.
     std::size_t inside = 0, all = 0;
     const Camera& c = data.find("test")->views[1].camera;
     for (const auto& p : data.points->positions) {

@@ -70,7 +70,7 @@ void check_kept(const Difference& d) {
 const ModelVariant kGaussian{
     .beta_cond = BetaCond::off, .beta_opacity = BetaOpacity::gaussian, .kernel = SpatialKernel::gaussian};
 
-TEST_CASE("conditioning: Gaussian models are converted to direct conditioning and back without change",
+TEST_CASE("conditioning: Gaussian models are converted to direct conditioning and back, up to rounding",
           "[conditioning]") {
   ModelVariant cholesky = kGaussian, weighted = kGaussian;
   cholesky.cov_param = CovParam::cholesky;  // as in 6DGS and 7DGS
@@ -96,7 +96,8 @@ TEST_CASE("conditioning: Gaussian models are converted to direct conditioning an
     }
 }
 
-TEST_CASE("conditioning: only the opacity of Beta models changes, by the reported amount", "[conditioning]") {
+TEST_CASE("conditioning: only the opacity of Beta models changes, and the change is reported",
+          "[conditioning]") {
   for (const int dim : {4, 6, 7})
     for (const CovMode mode : {CovMode::upper, CovMode::whiten}) {
       INFO(dim << " " << static_cast<int>(mode));
@@ -116,7 +117,8 @@ TEST_CASE("conditioning: only the opacity of Beta models changes, by the reporte
     }
 }
 
-TEST_CASE("conditioning: a Beta model is converted back if this is possible", "[conditioning]") {
+TEST_CASE("conditioning: a direct Beta model is converted to covariance conditioning if this is possible",
+          "[conditioning]") {
   const ModelVariant direct{.conditioning = Conditioning::direct};
   SplatModel model = scene_model(6, direct);
   const ParameterLayout l = model.layout();

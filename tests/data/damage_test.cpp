@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Tests that truncated or damaged image files give errors, and never images with some wrong pixels.
-// host/data/jpeg.hpp detects this for JPEG, and the libraries that OpenCV uses detect it for the other
-// formats. Intact files of every kind must have the same pixels as with OpenCV.
+// host/data/jpeg.hpp detects damage in JPEG files, and the libraries that decode the other formats detect
+// damage in these. Intact JPEG files of every kind must have the same pixels as with OpenCV.
 #include <turbojpeg.h>
 
 #include <opencv2/imgcodecs.hpp>

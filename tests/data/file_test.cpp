@@ -27,7 +27,7 @@ TEST_CASE("file: written content is read back, and no temporary file remains", "
   CHECK(file_count(folder.path()) == 1);
 }
 
-TEST_CASE("file: an abandoned write keeps the old content", "[file]") {
+TEST_CASE("file: a file that is written without commit() keeps its old content", "[file]") {
   TempFolder folder;
   write_file_atomically(folder / "x", "old");
   {
@@ -78,8 +78,8 @@ TEST_CASE("file: links, folders and devices are never replaced", "[file]") {
 }
 
 // Every process that starts in a folder searches it for abandoned files, and must not delete a file that
-// another process has just opened. Without checking the file again after locking it, one of 700 writes
-// failed.
+// another process has just opened. When remove_abandoned() did not yet check a file again after locking it,
+// one of 700 writes failed.
 TEST_CASE("file: a search for abandoned files deletes no file that is being written", "[file]") {
   const TempFolder folder;
   std::atomic<bool> done{false};
@@ -114,7 +114,7 @@ TEST_CASE("file: temporary files are removed if no process has locked them", "[f
 TEST_CASE("file: errors contain the path", "[file]") {
   TempFolder folder;
   CHECK_THAT(message_of([&] { read_file(folder / "none"); }), Contains("none: no such file"));
-  std::filesystem::create_symlink("loop", folder / "loop");  // the link exists
+  std::filesystem::create_symlink("loop", folder / "loop");  // a link to itself
   CHECK_THAT(message_of([&] { read_file(folder / "loop"); }), Contains("loop: cannot be accessed: "));
   CHECK_THAT(message_of([&] { read_file(folder.path()); }), Contains("is a folder"));
   CHECK_THAT(message_of([&] { write_file_atomically(folder.path(), "x"); }), Contains("is a folder"));

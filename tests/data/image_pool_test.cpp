@@ -38,7 +38,7 @@ class CountedSource : public ImageSource {
 
 }  // namespace
 
-TEST_CASE("pool: images do not depend on the order and the budget", "[pool]") {
+TEST_CASE("pool: images do not depend on the order of requests, the budget and the threads", "[pool]") {
   for (const std::size_t budget : {1u, 700u, 100000u})
     for (const unsigned threads : {1u, 4u}) {
       ImagePool pool(budget, threads);
@@ -48,7 +48,8 @@ TEST_CASE("pool: images do not depend on the order and the budget", "[pool]") {
         const auto image = pool.get(draw * 7 % 20);
         REQUIRE(image->rgb[0] == draw * 7 % 20);
       }
-      // The budget may be exceeded by the image that was just requested, and by one per decoding thread.
+      // The budget may be exceeded by the requested image, a prefetched image, and one image per decoding
+      // thread.
       CHECK(pool.peak_bytes() <= std::max<std::size_t>(budget, 300) + 300 * (threads + 2));
       if (budget == 100000) CHECK(pool.decoded() == 20);
     }
@@ -99,7 +100,7 @@ TEST_CASE("pool: a thread that cannot be started is an error, not an endless wai
   const pid_t child = fork();
   REQUIRE(child >= 0);
   if (child == 0) {
-    alarm(20);  // terminates a constructor that waits for its first threads
+    alarm(20);  // ends the process if the constructor waits for ever
     const rlimit limit{rlim_t{1} << 30, rlim_t{1} << 30};
     setrlimit(RLIMIT_AS, &limit);
     try {

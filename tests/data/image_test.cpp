@@ -99,7 +99,7 @@ TEST_CASE("image: resizing gives the same bytes as Pillow", "[image]") {
   }
 }
 
-TEST_CASE("image: reduced sizes are rounded to the nearest integer", "[image]") {
+TEST_CASE("image: reduced sizes are rounded to the nearest integer, but are at least 1", "[image]") {
   TempFolder folder;
   save_png(folder / "a.png", pattern(13, 9));
   CHECK(downscaled(13, 2) == 7);

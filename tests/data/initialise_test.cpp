@@ -48,7 +48,7 @@ TEST_CASE("philox: results agree with the known answers that Random123 contains"
         PhiloxCounter{0xd16cfe09, 0x94fdcceb, 0x5001e420, 0x24126ea1});
 }
 
-TEST_CASE("philox: uniform and normal draws have their moments", "[initialise]") {
+TEST_CASE("philox: uniform and normal random numbers have the expected moments", "[initialise]") {
   const CounterRandom random(42, 3), other(42, 4);
   constexpr std::uint64_t n = 100000;
   double u1 = 0, u2 = 0, g1 = 0, g2 = 0, g4 = 0, pair = 0, streams = 0;
@@ -62,7 +62,7 @@ TEST_CASE("philox: uniform and normal draws have their moments", "[initialise]")
     pair += a * b / n;
     streams += (u - 0.5) * (other.uniform(i, 0) - 0.5) / n;
   }
-  // Each margin is five standard errors of the mean of n = 1e5 draws.
+  // Each margin is five standard errors of the mean of n = 1e5 random numbers.
   CHECK(u1 == Approx(0.5).margin(5 * 0.2887 / 316));
   CHECK(u2 == Approx(1.0 / 3).margin(5 * 0.298 / 316));
   CHECK(g1 == Approx(0).margin(5.0 / 316));

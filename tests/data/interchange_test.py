@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Tests GLB and SOG files that `ubs convert` writes. This program reads them with its own code, which follows only the
 published layouts. It also writes SOG files, and tests that ubs reads them. Usage: interchange_test.py UBS, where UBS is
-the path of the executable. Exits with 77 if numpy or Pillow is not installed."""
+the path of the executable. Exits with 77 if numpy, or Pillow with support for WebP, is not installed."""
 
 import json
 import shutil

@@ -80,7 +80,7 @@ def main():
         import numpy
         import pycolmap
     except ImportError as error:
-        print(f"skipped: {error} (pip install pycolmap); tests/data/lens_values.txt contains values that it computed")
+        print(f"skipped: {error} (pip install pycolmap); tests/data/lens_values.txt contains values of pycolmap")
         return 77
     if options.out:
         with open(options.out, "w", encoding="ascii") as out:

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Tests that files are found if their names on the disk differ from those in the data
-// (host/data/named_files.hpp), in every layout. Also tests the notes of all readers of data folders about
-// files that they do not use.
+// (host/data/named_files.hpp), in every layout whose data contain file names. Also tests the notes of all
+// readers of data folders about files that they do not use.
 #include <filesystem>
 
 #include "host/data/load_dataset.hpp"
@@ -94,7 +94,7 @@ std::vector<Opened> in_all_layouts(const std::vector<std::string>& stated,
 
 }  // namespace
 
-TEST_CASE("names: capitals, accents and separators are ignored in comparisons", "[names]") {
+TEST_CASE("names: differences in case, Unicode form of accents and separators are ignored", "[names]") {
   CHECK(folded_name("IMG_1.JPG") == "img_1.jpg");
   CHECK(folded_name("caf\u00e9.png") == folded_name("cafe\u0301.PNG"));
   CHECK(folded_name("\u1ec7") == folded_name("e\u0323\u0302"));                               // two accents
@@ -207,7 +207,7 @@ TEST_CASE("names: masks of COLMAP folders are found under several names", "[name
   }
 }
 
-TEST_CASE("names: tens of thousands of files are found quickly", "[names]") {
+TEST_CASE("names: each of 40 000 files is found", "[names]") {
   NameIndex index;
   for (int i = 0; i < 40'000; ++i) index.add(fmt::format("images/scan/IMG_{:05}.JPG", i));
   for (int i = 0; i < 40'000; ++i) {

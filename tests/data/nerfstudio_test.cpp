@@ -210,7 +210,8 @@ TEST_CASE("dataset: the error for an unknown folder lists the supported layouts"
              Contains("'other'"));
 }
 
-TEST_CASE("dataset: the error for other paths describes the file", "[dataset]") {
+TEST_CASE("dataset: errors for a ZIP file and for an unusual name of a JSON file say what to do",
+          "[dataset]") {
   const TempFolder folder;
   put(folder / "scan.zip", "PK\x03\x04 and more");
   CHECK_THAT(message_of([&] { load_dataset(folder / "scan.zip"); }),

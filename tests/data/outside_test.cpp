@@ -20,7 +20,7 @@ constexpr const char* kPoints =
     "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\n"
     "end_header\n1 2 3\n";
 
-// Creates data/ and, next to it, secret/ with an image, a point cloud and a JSON file.
+// Creates data/, and next to it secret/ with an image and a point cloud.
 struct Scene {
   TempFolder folder;
   Scene() {

@@ -75,7 +75,7 @@ TEST_CASE("CRC-32 of the check value is correct, computed at once or in parts", 
   CHECK(crc32({}) == 0);
 }
 
-TEST_CASE("masks are restored, and only data with masks need the newer version", "[packed]") {
+TEST_CASE("masks are restored, and a file with masks has version 2 instead of 1", "[packed]") {
   const TempFolder folder;
   PackedData data = make_data();
   write_packed(folder / "plain.ubsd", data);

@@ -161,7 +161,7 @@ TEST_CASE("view names: each view has its own file", "[paths]") {
   CHECK(settled({"r", "r", "r_2", "r"}) == Names{"r", "r_3", "r_2", "r_4"});
   CHECK(settled({"a", "A", "a"}) == Names{"a", "A_2", "a_3"});    // some file systems ignore case
   CHECK(settled({"a/b", "a%2Fb"}) == Names{"a%2Fb", "a%2Fb_2"});  // equal after replacing unsafe characters
-  CHECK(settled({"x", "x_alpha"}) == Names{"x", "x_alpha_2"});    // as with render --channels rgb,alpha
+  CHECK(settled({"x", "x_alpha"}) == Names{"x", "x_alpha_2"});    // the alpha of x is written to x_alpha.png
   CHECK(settled({"x_DEPTH", "x"}) == Names{"x_DEPTH", "x_2"});
   const Names once = settled({"..", "..", "con", "x", "X", "x_2", ""});
   CHECK(settled(once) == once);

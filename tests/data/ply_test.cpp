@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Tests PLY files of splats: the exact bytes (docs/method.md, section 5.1), properties in other orders and
-// types, and every error. Point clouds use the same code for headers, and are also tested here.
+// types, and errors. Point clouds use the same code for headers, and are also tested here.
 #include "host/data/ply.hpp"
 
 #include <cmath>

@@ -22,10 +22,11 @@ namespace {
 struct Kind {
   int colour, bits;
   bool transparent = false, interlaced = false;
-  int gamma = 0;  // value of a gAMA chunk, in 1/100000
+  int gamma = 0;  // value of the gAMA chunk, in 1/100000; 0: the file has no such chunk
 };
 
-// Writes random rows with the low-level functions of libpng, because OpenCV supports few kinds.
+// Returns a PNG file with random pixels. Uses the low-level functions of libpng, because OpenCV can only
+// write few kinds of PNG files.
 std::string png_file(const Kind& kind) {
   constexpr png_uint_32 kWidth = 37, kHeight = 23;
   std::string file;

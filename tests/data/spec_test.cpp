@@ -253,7 +253,7 @@ TEST_CASE("train settings: the defaults are inside their ranges, and keys are un
   CHECK(settings.noise_lr == kAuto);
 }
 
-TEST_CASE("train settings: automatic values depend on kernel and time, and given values are kept") {
+TEST_CASE("train settings: automatic values depend on kernel, colour and N, and given values are kept") {
   TrainSettings s;
   CHECK(resolve_automatic(s).lr_opacity == 0.05);
   CHECK(resolve_automatic(s).lr_scale == 0.005);
@@ -287,7 +287,8 @@ TEST_CASE("train settings: the table contains every member") {
   };
   for (const auto& field : train_fields()) listed += std::visit(size, field.member);
   CHECK(listed <= sizeof(TrainSettings));
-  // Observed padding: 28 bytes (g++ 12, x86-64). A missing real adds 8 bytes, a string or triple more.
+  // The observed padding is 28 bytes (g++ 12, x86-64). A number of type double that is missing in the table
+  // would add 8 bytes, and a missing text or colour would add more.
   CHECK(sizeof(TrainSettings) - listed <= 35);
 }
 

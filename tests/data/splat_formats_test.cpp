@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tests third-party splat files: every reader and writer, damaged files, real files, and the conversion of
-// ubs splats to Gaussians.
+// Tests third-party splat files: readers and writers, damaged files, real files, and the conversion of ubs
+// splats to Gaussians. Tests UBSZ files, too. usd_test.cpp tests USD files.
 #include <sys/mman.h>
 
 #include <algorithm>
@@ -25,7 +25,7 @@ using namespace ubs;
 using namespace ubs::test;
 using Catch::Contains;
 
-TEST_CASE("formats: 3DGS PLY keeps every bit", "[formats]") {
+TEST_CASE("formats: 3DGS PLY keeps the bits of all values except rotations", "[formats]") {
   TempFolder folder;
   for (const int degree : {0, 1, 2, 3}) {
     ImportedSplats splats = random_splats(50, degree);
@@ -96,7 +96,7 @@ TEST_CASE("formats: SPZ and .splat preserve values up to their quantisation", "[
   CHECK(d.dc <= 0.00696);
 }
 
-TEST_CASE("formats: GLB preserves values and the translation to float32", "[formats]") {
+TEST_CASE("formats: GLB preserves values up to the precision of float32, and the translation", "[formats]") {
   TempFolder folder;
   for (const int degree : {0, 1, 2, 3}) {
     ImportedSplats splats = random_splats(70, degree);
@@ -111,7 +111,7 @@ TEST_CASE("formats: GLB preserves values and the translation to float32", "[form
     CHECK(load_splat_model(folder / "a.glb").comments ==
           std::vector<std::string>{"ubs_up 0 -1 0", "ubs_offset 100 -2.5 7"});
     CHECK(d.rotation < 1e-6);
-    CHECK(d.log_scale < 2e-6);  // exp and log are computed in float32; 4.8e-7 observed
+    CHECK(d.log_scale < 2e-6);  // exp and log are computed in float32; observed difference: 4.8e-7
     CHECK(d.opacity < 2e-7);
   }
   const std::string file = get(folder / "a.glb");
@@ -363,7 +363,7 @@ TEST_CASE("formats: invalid splats are dropped and counted, and invalid files ar
 }
 
 // zlib counts in 32 bits. Earlier versions neither read nor wrote the data beyond 4 GiB.
-TEST_CASE("gzip: data with more than 4 GiB are read completely", "[import]") {
+TEST_CASE("gzip: a file of more than 4 GiB is read to its end", "[import]") {
   const std::vector<std::byte> packed = deflate_gzip(std::vector<std::byte>(100, std::byte{7}));
   const std::size_t beyond = std::size_t{1} << 32, bytes = packed.size() + beyond;
   void* const room =
@@ -439,8 +439,8 @@ TEST_CASE("reduce: splats of DBS files become Gaussians", "[reduce]") {
   CHECK(d.opacity < 1e-6);
 }
 
-TEST_CASE("reduce: ratios of the support of a Beta splat to the sigma of a Gaussian", "[reduce]") {
-  CHECK(support_ratio(4) == Approx(3.08).epsilon(0.002));  // the optima of docs/method.md, section 2.7
+TEST_CASE("reduce: support_ratio() returns the optimal ratios of docs/method.md, section 2.7", "[reduce]") {
+  CHECK(support_ratio(4) == Approx(3.08).epsilon(0.002));
   CHECK(support_ratio(4 * std::exp(0.5)) == Approx(3.82).epsilon(0.005));
   CHECK(support_ratio(4 * std::exp(1.0)) == Approx(4.81).epsilon(0.005));
   CHECK(support_ratio(4 * std::exp(2.0)) == Approx(7.78).epsilon(0.005));
@@ -496,8 +496,8 @@ TEST_CASE("formats: UBSZ stores models exactly, or with errors of at most half a
   for (std::size_t i = 0; i < one.count; ++i) steps.classes[i] = static_cast<std::uint8_t>(i % 6);
   const SplatModel back = rounded(one, steps);
   REQUIRE(back.count == one.count);
-  // Splats are ordered by class, and by position within a class. After sorting, each row must contain the
-  // same values.
+  // Splats are ordered by class, and by position within a class. The test sorts the values of each row in a
+  // class before it compares them.
   std::size_t first = 0;
   for (unsigned k = 0; k < 6; ++k) {
     const std::size_t n = (one.count + 5 - k) / 6;
@@ -558,7 +558,8 @@ TEST_CASE("formats: many levels of UBSZ are joined in their order", "[formats]")
   }
 }
 
-TEST_CASE("formats: a UBSZ file with a count that is too large or no integer is rejected", "[formats]") {
+TEST_CASE("formats: a UBSZ file with a count that is too large, or is not an integer, is rejected",
+          "[formats]") {
   const SplatModel one = initialise_random(6, 20, 1);
   const UbszSteps steps{std::vector<double>(static_cast<std::size_t>(one.layout().count), 0.01),
                         std::vector<std::uint8_t>(one.count)};

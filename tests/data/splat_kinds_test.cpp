@@ -92,7 +92,7 @@ std::string changed_glb(const std::string& file, const std::function<void(ordere
          text + rest;
 }
 
-// Overwrites the floats of an attribute of the only primitive.
+// Returns the glTF file with other values of one attribute of its only primitive.
 std::string with_values(std::string file, const std::string& attribute, const std::vector<float>& values) {
   std::uint32_t size = 0;
   std::memcpy(&size, file.data() + 12, sizeof size);
@@ -140,7 +140,7 @@ ImportedSplats splats_at(double x, std::size_t count, int degree = 0) {
   return splats;
 }
 
-// Returns the number of splats whose x differs from a position by at most 4.
+// Returns the number of splats whose x coordinate differs from `x` by less than 4.
 std::size_t count_near(const ImportedSplats& splats, double x) {
   return static_cast<std::size_t>(
       std::ranges::count_if(splats.positions, [x](const auto& p) { return std::abs(p[0] - x) < 4; }));
@@ -229,7 +229,8 @@ TEST_CASE("kinds: flat splats are kept, with a scale close to 0", "[formats]") {
   CHECK(read_foreign_splats(folder / "a.ply").count() == 28);
 }
 
-TEST_CASE("kinds: PLY files of other tools and of ubs record training with antialiasing", "[formats]") {
+TEST_CASE("kinds: files of other tools and of ubs record whether a model was trained with antialiasing",
+          "[formats]") {
   const TempFolder folder;
   const ImportedSplats splats = random_splats(5, 1);
   const std::pair<std::vector<std::string>, bool> kinds[] = {

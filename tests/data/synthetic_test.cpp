@@ -66,8 +66,8 @@ TEST_CASE("synthetic: every scene is an ordinary data set", "[synthetic]") {
       CHECK(std::hypot(centre[0], centre[1], centre[2] + (scene == "cloud" ? 0.0 : 0.3)) ==
             Approx(4.0311289));
       const auto& rgb = view.image.rgb;
-      CHECK(std::count(rgb.begin(), rgb.end(), 0) > 100);      // some background
-      CHECK(*std::max_element(rgb.begin(), rgb.end()) > 100);  // something bright
+      CHECK(std::count(rgb.begin(), rgb.end(), 0) > 100);      // part of the image is black background
+      CHECK(*std::max_element(rgb.begin(), rgb.end()) > 100);  // part of the image is bright
       CHECK(std::count_if(rgb.begin(), rgb.end(), [](int v) { return v > 10; }) > 300);
     }
   for (const View& a : train.views)

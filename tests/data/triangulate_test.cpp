@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tests that points triangulated from five images of a textured plane are on the plane.
+// Tests triangulate() with five images of a textured plane: the points must be on the plane, and different
+// exposures must be recognised. Also tests Patch, which finds the depth of the pixels between keypoints.
 #include "host/data/triangulate.hpp"
 
 #include <algorithm>
@@ -67,7 +68,7 @@ TEST_CASE("keypoints of a plane, and pixels between them, are placed on the plan
   CHECK(std::ranges::count(found.points.colours, std::array<std::uint8_t, 3>{}) < 10);
   CHECK(triangulate(views, 200, 500, 3).points.positions == points);
   CHECK(triangulate(views, 200, 0, 3).points.positions.size() == found.corners);
-  // Fewer images have fewer corners.
+  // If at most three images are used, fewer keypoints are found.
   CHECK(triangulate(views, 3, 0, 3).corners < found.corners);
   CHECK(triangulate(views, 3, 0, 3).corners > 300);
 }

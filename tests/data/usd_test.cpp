@@ -234,8 +234,9 @@ TEST_CASE("usd: time samples of a series are prepared for interpolation", "[form
     CHECK(s.log_scales[2] == base.log_scales[3]);
   }
 
-  // If the numbers of splats differ, nothing is prepared for interpolation. keep_apart() then changes the
-  // numbers of consecutive time samples that are equal, so that readers do not interpolate between them.
+  // If the numbers of splats differ, nothing is prepared for interpolation. If consecutive time samples have
+  // the same number of splats, keep_apart() then changes one of these numbers, so that readers do not
+  // interpolate between the samples.
   moments[3] = part_of(base, 0, 5);
   SplatSeries apart(moments);
   CHECK(!apart.finish(0.5f));
@@ -246,7 +247,7 @@ TEST_CASE("usd: time samples of a series are prepared for interpolation", "[form
   CHECK(apart.sh(1).size() == 3 * apart.moments()[1].count());
 }
 
-TEST_CASE("usd: text is read in every notation that the format allows", "[formats]") {
+TEST_CASE("usd: text is read in many notations that the format allows", "[formats]") {
   const ImportedSplats plain = parsed(layer_of(""));
   REQUIRE(plain.count() == 1);
   CHECK(plain.positions[0] == std::array<float, 3>{1, -2, -3});

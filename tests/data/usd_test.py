@@ -202,8 +202,8 @@ def check_still(folder):
 
 
 def check_foreign(folder):
-    """Tests a stage as another program may write it: its values have half precision and time samples, its prim is
-    below a translated prim, and its z axis points up."""
+    """Tests a stage as another program may write it: its values have half precision, its positions have time samples,
+    its prim is below a translated prim, and its z axis points up."""
     stage = Usd.Stage.CreateNew(str(folder / "foreign.usda"))
     UsdGeom.SetStageUpAxis(stage, "Z")
     UsdGeom.SetStageMetersPerUnit(stage, 0.01)
@@ -270,13 +270,14 @@ def check_series(folder):
             assert np.array_equal(back.places, (places * [1, -1, -1]).astype(np.float32))
             if moment > 0:
                 moved = max(moved, np.abs(places - values_of(prim, 0)[0]).max())
-                # OpenUSD interpolates between time samples. In between, an ellipsoid must not rotate further than
-                # necessary.
+                # OpenUSD interpolates linearly between time samples. From one time sample to the next, an ellipsoid
+                # must not rotate further than necessary.
                 before, after = values_of(prim, moment - 1), values_of(prim, moment)
                 half = values_of(prim, moment - 0.5)
                 assert np.allclose(half[0], (before[0] + after[0]) / 2, atol=1e-6)
                 dots = np.abs((before[1] * after[1]).sum(1))
-                # Half of the angle between two time samples is at most 45 degrees if the axes have the same order.
+                # `dots` contains the cosine of half the rotation angle of each ellipsoid. If both time samples name
+                # the axes of the ellipsoid alike, half the angle is at most 45 degrees here.
                 assert dots.min() > 0.7, dots.min()
         assert moved > 0.001, moved  # 0.0035 was observed, because the training is short
     said = ubs("convert", folder / "run", folder / "still.usda", "--time", 0.5, "--distill", 0)

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tests that the loader of every layout rejects invalid values of cameras and points, and that the message
-// contains the file and the frame. host/scene/camera.hpp contains the limits.
+// Tests that the loaders of all layouts, and the reader of camera paths, reject invalid values of cameras and
+// points with a message that describes the value. The limits are in host/scene/camera.hpp.
 #include <nlohmann/json.hpp>
 
 #include "host/api/keyframes.hpp"

@@ -87,7 +87,8 @@ TEST_CASE("variants: a model file stores its variant", "[variants][ply]") {
   CHECK_THAT(get(folder / "default.ply"), !Contains("comment"));
 }
 
-TEST_CASE("variants: unsupported records are rejected", "[variants][ply]") {
+TEST_CASE("variants: unsupported records are rejected, and similar comments are not taken for records",
+          "[variants][ply]") {
   const TempFolder folder;
   write_splat_ply(folder / "good.ply", numbered_model(6, {.cov_mode = CovMode::whiten}));
   const std::string good = get(folder / "good.ply");
@@ -109,7 +110,8 @@ TEST_CASE("variants: unsupported records are rejected", "[variants][ply]") {
   CHECK(read_splat_ply(folder / "fine.ply").variant == ModelVariant{});
 }
 
-TEST_CASE("variants: every value of every switch can be set", "[variants][settings]") {
+TEST_CASE("variants: every value of every switch can be set and saved, and invalid values are rejected",
+          "[variants][settings]") {
   TrainSettings settings;
   settings.dim = 3;
   const auto fields = bind_fields(settings, train_fields());

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tests the lower layer of every back end: copies and their order, memory accounting, times, and the error
-// for a request of memory that is too large. The copies have sizes below, equal to and above the size of a
-// staging buffer, and a size that exceeds that of all staging buffers together.
+// Tests the implementation of Device in every back end: copies and their order, memory accounting, times,
+// and the error for a request of memory that is too large. The sizes of the copies are below, equal to and
+// above the size of one staging buffer of the CUDA back end (256 KiB). The largest copy exceeds the size of
+// all eight staging buffers together.
 #include <algorithm>
 #include <catch2/catch.hpp>
 #include <numeric>

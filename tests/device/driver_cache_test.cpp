@@ -33,7 +33,7 @@ TEST_CASE("old temporary files and unused programs of PoCL are removed, and all 
   put_aged(folder / "AB/UNUSED/kernel/1-1-1/kernel.so", 100 * 24h);
   put_aged(folder / "AB/USED/last_accessed", 80 * 24h);
   put_aged(folder / "AB/USED/program.bc", 200 * 24h);
-  // Without last_accessed, as while PoCL still writes the program.
+  // This program has no file last_accessed. That is the case while PoCL still writes the program.
   put_aged(folder / "CD/EMPTY/program.bc", 200 * 24h);
   opencl::tidy_driver_cache(folder.path());
   CHECK_FALSE(fs::exists(folder / "tempfile_old"));
@@ -43,7 +43,7 @@ TEST_CASE("old temporary files and unused programs of PoCL are removed, and all 
   CHECK_FALSE(fs::exists(folder / "AB/UNUSED"));
   CHECK(fs::exists(folder / "AB/USED/program.bc"));
   CHECK(fs::exists(folder / "CD/EMPTY/program.bc"));
-  // Unused programs are removed at most once a day.
+  // tidy_driver_cache() searches for unused programs at most once a day, so this second call removes none.
   put_aged(folder / "AB/UNUSED/last_accessed", 100 * 24h);
   opencl::tidy_driver_cache(folder.path());
   CHECK(fs::exists(folder / "AB/UNUSED"));
@@ -65,14 +65,15 @@ TEST_CASE("a cache folder is created and checked, and a temporary one must be ac
   CHECK((fs::status(own).permissions() & fs::perms::mask) == fs::perms::owner_all);
   CHECK(usable_cache(folder / "file/below") == own);
   CHECK(cache_defects().find((folder / "file/below").string()) != std::string::npos);
-  REQUIRE(::chmod(own.c_str(), 0777) == 0);  // as if another user had created it
+  REQUIRE(::chmod(own.c_str(), 0777) == 0);  // now all users can write to the folder
   CHECK(temporary_cache().empty());
   fs::remove(own);
   fs::create_directory_symlink(folder / "a", own);
   CHECK(temporary_cache().empty());
 }
 
-// The files are damaged as after a power cut, when their content had not been written to the disk.
+// A power cut can leave a file empty, truncated, or filled with zeros if its content has not been written to
+// the disk. The test damages files in these ways, and also inverts a single bit.
 TEST_CASE("damaged programs of a kernel cache are removed, and intact ones are kept") {
   const test::TempFolder folder;
   const auto make = [&] {
@@ -115,7 +116,8 @@ TEST_CASE("damaged programs of a kernel cache are removed, and intact ones are k
 
   std::string sums = test::get(folder / "sums");
   REQUIRE(sums.find("AB/ONE/program.bc") != std::string::npos);
-  // If the file with the checksums is damaged, all programs are recorded again.
+  // If the list of checksums is damaged, it is created again. The programs are kept, because the test wrote
+  // them after the last start of the machine.
   test::put(folder / "sums", sums.substr(0, sums.size() / 2));
   CHECK(opencl::heal_driver_cache(folder.path()) == 0);
   CHECK(test::get(folder / "sums") == sums);
@@ -123,7 +125,7 @@ TEST_CASE("damaged programs of a kernel cache are removed, and intact ones are k
   CHECK_FALSE(fs::exists(folder / "missing"));
 }
 
-TEST_CASE("each process has its own temporary cache folder") {
+TEST_CASE("the cache folder of a process is accessible only to its user, and is the same for every call") {
   const fs::path own = process_cache();
   REQUIRE(fs::is_directory(own));
   CHECK((fs::status(own).permissions() & fs::perms::mask) == fs::perms::owner_all);

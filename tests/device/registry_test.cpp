@@ -29,7 +29,8 @@ const std::vector<DeviceInfo> kCardAndCpu{
     device("opencl", "NVIDIA CUDA", "NVIDIA H200", DeviceType::gpu),
 };
 
-TEST_CASE("the rasteriser depends on the vector width, not on the type of the device", "[registry]") {
+TEST_CASE("`auto` selects the rasteriser by the vector width, and CUDA devices reject the rasteriser `cpu`",
+          "[registry]") {
   DeviceInfo cpu = kCardAndCpu[1];
   cpu.float_vector_width = 16;
   CHECK(raster_kind("auto", cpu) == RasterKind::cpu);
@@ -40,7 +41,7 @@ TEST_CASE("the rasteriser depends on the vector width, not on the type of the de
   CHECK_THROWS_AS(raster_kind("cpu", kCardAndCpu[0]), Error);  // CUDA devices have only the rasteriser `gpu`
 }
 
-TEST_CASE("a device is found by index, type, back end and name", "[registry]") {
+TEST_CASE("a device is found by index, type, back end, platform and name", "[registry]") {
   ::unsetenv("UBS_DEVICE");
   const auto chosen = [](const char* request) { return choose_device(kCardAndCpu, request); };
   CHECK(chosen("") == 0);
@@ -94,7 +95,8 @@ TEST_CASE("UBS_DEVICE selects the device if the user has selected none by option
   ::unsetenv("UBS_DEVICE");
 }
 
-TEST_CASE("the option for the spatial kernel is passed to the compiler for every value", "[registry]") {
+TEST_CASE("the compiler option UBS_FALLOFF is passed for every spatial kernel except the default",
+          "[registry]") {
   const auto options = [](int kernel) {
     return raster_options({.variant = {.kernel = static_cast<SpatialKernel>(kernel)}});
   };

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tests that the files of a room (a folder of the code) only include headers that docs/architecture.md
-// allows: no headers of the rooms above it, and no headers of a back end. Also tests that no two headers have
+// Tests that the files of each folder of the code (a "room") only include headers of the folders that
+// kMayInclude lists. These rules keep the layers of docs/architecture.md apart: a folder includes no headers
+// of higher layers, and only the files of a back end include its headers. Also tests that no two headers have
 // the same name, and which atomic functions kernels use.
 #include <catch2/catch.hpp>
 #include <filesystem>
@@ -14,6 +15,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
+// For each room, the rooms whose headers it may include in addition to its own.
 const std::map<std::string, std::string> kMayInclude{
     {"base", ""},
     {"scene", "base kernels"},
@@ -27,8 +29,7 @@ const std::map<std::string, std::string> kMayInclude{
     {"check", "base scene device kernels pipeline"},
     {"api", "base cluster scene data device kernels pipeline train check include"},
     {"look", "base scene data device pipeline train api"},
-    // The oracle shares no code with the kernels, and only ubs-lab and the tests are linked with the rest of
-    // lab.
+    // The oracle must not include headers of the kernels, because its results are compared with theirs.
     {"lab/oracle", "base scene device pipeline"},
     {"lab", "base scene data device kernels pipeline train check lab/oracle"},
 };
@@ -77,8 +78,9 @@ TEST_CASE("no two headers have the same name") {
   CHECK(places.size() > 300);
 }
 
-// Some drivers compute wrong results for compare-exchange loops, and for 64-bit atomics in kernels with
-// sub-groups (docs/check.md). Floats are not added atomically, so that the same inputs give the same bits.
+// Some drivers compute wrong results for loops of compare-exchange, and for 64-bit atomics in kernels with
+// sub-groups (docs/check.md). Atomic additions of floats are not allowed either, because their order varies,
+// so the same inputs would give different bits.
 TEST_CASE("kernels use no atomics except increment, or, and maximum of 32-bit words") {
   std::size_t uses = 0;
   const std::regex atomic(R"(\b(atom_\w+|atomic\w*)\s*\()");

@@ -15,6 +15,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
+// Foreign files: the test puts them into the output folder, and no command may change them.
 constexpr const char* kForeign[] = {"mine.txt", "renders/mine.png", "other/mine.csv"};
 
 bool is_temporary(const std::string& path) { return path.find("tmp-") != std::string::npos; }
@@ -112,7 +113,8 @@ class Campaign {
     return count;
   }
 
-  // A file with the name of a result must be the old or the new result.
+  // Checks that the content of a result is that of the old or of the new result. Checkpoints of an unfinished
+  // run differ from both, so they must only be readable.
   void check_whole(const std::string& path, const std::string& bytes) const {
     if (path == "log.csv") return;  // this file grows line by line
     if (!scenario_.unfinished.empty() && path.find(scenario_.unfinished) != std::string::npos) return;
@@ -152,11 +154,11 @@ class Campaign {
       CHECK((is_documented || (signalled && run.code == 130)));
       if (run.code != 1) CHECK(error_lines(run.err) == (run.code == 0 || run.code == 130 ? 0 : 1));
       if (run.code == 3) CHECK(run.err.find("std::") == std::string::npos);
-      // If a call that removes a file fails, the temporary file may remain.
+      // Temporary files may only remain if a removal fails or the process is killed.
       if ((kind.calls & remove_calls) == 0 && !killing) CHECK(temporaries() == 0);
     }
-    // The results of an interrupted run are neither old nor new. The check below shows that the run can be
-    // completed.
+    // The results of a run that was interrupted by a signal are neither the old nor the new ones. The checks
+    // below show that the run can be completed.
     if (!(signalled && run.code == 130))
       for (const auto& [path, bytes] : now) check_whole(path, bytes);
     if (run.code == 0 && now == new_) return;

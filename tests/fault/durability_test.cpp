@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Tests that power cuts, kills and full disks destroy no results. For power cuts, the tests check the order
-// of the system calls of every command that writes files: data are on the disk after they have been
-// synchronised, and a name is on the disk after its folder has been synchronised.
+// of the system calls of commands that write files. They assume that data are on the disk after the file has
+// been synchronised, and that a name is on the disk after its folder has been synchronised.
 #include <algorithm>
 #include <cerrno>
 #include <nlohmann/json.hpp>
@@ -29,17 +29,20 @@ std::string folder_of(const std::string& path) {
   return folder.empty() ? "." : folder.string();
 }
 
-// Returns an error in the order of the calls, or an empty text. The order is correct if, whenever the power
-// fails, every name in the folder belongs to a complete file, all reported results are on the disk, and
-// `last` is removed or renamed after all of them.
+// Returns a description of an error in the order of the calls, or an empty text if the order is correct. It
+// is correct if every name in the folder belongs to a complete file at any time, if all results are on the
+// disk at the end, and if the file `last` is removed or renamed after all results are on the disk. Log files
+// grow line by line, so they may be incomplete before the end.
 std::string defect(const TracedRun& run, const std::string& last = "") {
-  std::set<std::string> unsynced, fresh;  // files that were written to; folders with new names
+  // `unsynced` contains files that were written to and not synchronised since. `fresh` contains folders that
+  // got new names and were not synchronised since.
+  std::set<std::string> unsynced, fresh;
   int renames = 0;
   for (const Call& call : run.calls) {
     if (call.result < 0) continue;
     const fs::path path = call.path;
     const std::string name = path.filename().string();
-    if (is_any(name, {".ubs-lock", "stdout.txt", "stderr.txt"})) continue;  // irrelevant after a reboot
+    if (is_any(name, {".ubs-lock", "stdout.txt", "stderr.txt"})) continue;  // not needed after a power cut
     const bool removes = call.kind == remove_calls || call.kind == rename_calls;
     if (removes && call.path == last && (!unsynced.empty() || !fresh.empty()))
       return fmt::format("{} was removed before {} was on the disk", last,
@@ -68,7 +71,7 @@ std::string defect(const TracedRun& run, const std::string& last = "") {
 
 void prepare(const TempFolder& folder) { put_scene(folder / "data", 32, 4, 2); }
 
-TEST_CASE("durability: every writer synchronises the file before the rename and the folder after it") {
+TEST_CASE("durability: commands synchronise each file before they rename it, and its folder afterwards") {
   REQUIRE(can_trace());
   const TempFolder folder;
   prepare(folder);
@@ -107,7 +110,7 @@ TEST_CASE("durability: every writer synchronises the file before the rename and 
   }
 }
 
-TEST_CASE("durability: the checkpoint gets another name when everything else is on the disk") {
+TEST_CASE("durability: the checkpoint is renamed to continue.ubs after all other results are on the disk") {
   REQUIRE(can_trace());
   const TempFolder folder;
   prepare(folder);
@@ -153,8 +156,8 @@ TEST_CASE("durability: a run that is killed at any rename or removal can be comp
   const unsigned kinds = rename_calls | remove_calls;
   const int calls = whole.count(kinds);
   for (int n = 1; n <= calls; ++n) {
-    // Tests half of the calls, alternately before and after the call, and all of the last calls, which write
-    // the results.
+    // By default, tests half of the calls, and all of the last eight calls, which write the results. The
+    // process is killed alternately before and after the call.
     if (!whole_sweep() && n % 4 > 1 && n + 8 <= calls) continue;
     INFO("call " << n << " of " << whole.count(kinds));
     fs::remove_all(folder / "run");
@@ -163,17 +166,19 @@ TEST_CASE("durability: a run that is killed at any rename or removal can be comp
     CHECK(run.signal == SIGKILL);
     const bool kept = fs::exists(folder / "run/checkpoint.ubs");
     resumed += kept;
-    // If the checkpoint already has its other name, the run is complete. If there is no checkpoint yet, the
-    // run is started again.
+    // If the checkpoint has already been renamed to continue.ubs, the run is complete. If there is no
+    // checkpoint yet, the run is started again.
     const bool done = !kept && fs::exists(folder / "run/metrics.json");
     if (!done) ubs_ok(folder, kept ? "train --resume run --quiet" : start);
     check_same_run(folder / "run", folder / "whole");
   }
-  // A checkpoint exists at least while the model, the metrics and the two renders are renamed.
+  // The checkpoint still exists when the model, the metrics and the two renders are renamed, so at least the
+  // runs that are killed at these four calls must have been resumed.
   CHECK(resumed >= 4);
 }
 
-// Returns the number, among all calls of these kinds, of the first call for which `wanted` returns true.
+// Returns the number of the first call for which `wanted` returns true, or 0 if there is none. Only calls of
+// these kinds are counted, starting with 1.
 int number_of(const TracedRun& run, unsigned kinds, const std::function<bool(const Call&)>& wanted) {
   int n = 0;
   for (const Call& call : run.calls) {
@@ -184,7 +189,7 @@ int number_of(const TracedRun& run, unsigned kinds, const std::function<bool(con
   return 0;
 }
 
-TEST_CASE("durability: a disk that is temporarily full does not affect a run") {
+TEST_CASE("durability: one failed write does not stop a run, which can be resumed if the disk stays full") {
   REQUIRE(can_trace());
   const TempFolder folder;
   prepare(folder);

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tests the files that remain after a command was disturbed: the disk is full or broken, or the command is
-// killed or interrupted (campaign.hpp). The disturbance happens at a system call on its results or inputs. By
-// default, a sample of these calls is tested. With UBS_TEST_ALL=1, all of them are tested.
+// Tests the files that remain if the disk is full or broken while a command runs, or if the command is killed
+// or interrupted (campaign.hpp). Such a fault is introduced at a system call on the results or the inputs of
+// the command. By default, a sample of these calls is tested. With UBS_TEST_ALL=1, all of them are tested.
 // test_fault "[long]" tests further commands and file systems, which takes minutes.
 #include <algorithm>
 #include <csignal>
@@ -23,7 +23,8 @@ constexpr const char* kTraining =
     "--data data --dim 3 --init-points 150 --cap-max 150 --iterations 30 --checkpoint-every 10 "
     "--log-every 10 --quiet --out ";
 
-// Returns the part of a file that is the same in every run: times differ, but the file must be complete.
+// Returns a text that is the same for the complete files of all runs, although the files contain different
+// times. For incomplete pages, JSON files and logs, the text is different.
 std::string without_times(const std::string& path, const std::string& bytes) {
   if (path.ends_with(".html")) return bytes.find("</html>") != std::string::npos ? "a page" : "broken";
   if (path.ends_with(".md")) return "a text";
@@ -38,8 +39,8 @@ std::vector<FaultKind> both(std::vector<FaultKind> faults, const std::vector<Fau
   return faults;
 }
 
-// The pack command must leave the old file or the complete new file. A page in docs/results uses the name of
-// this test.
+// After a fault, the pack command must leave the complete file or no file. A page in docs/results uses the
+// name of this test.
 TEST_CASE("faults: pack") {
   REQUIRE(can_trace());
   const TempFolder folder;
@@ -101,7 +102,7 @@ TEST_CASE("faults: render leaves only complete images, and can be repeated") {
 }
 
 // These commands take longer, or use the same code as the commands above.
-TEST_CASE("faults: the other commands leave old files or complete new files", "[.long]") {
+TEST_CASE("faults: other commands leave only complete files, and can be repeated", "[.long]") {
   REQUIRE(can_trace());
   const TempFolder folder;
   synthesise(folder);
@@ -128,7 +129,7 @@ TEST_CASE("faults: the other commands leave old files or complete new files", "[
   }
 }
 
-TEST_CASE("faults: tune and accuracy leave old files or complete new files", "[.long]") {
+TEST_CASE("faults: tune and accuracy leave only complete files, and can be repeated", "[.long]") {
   REQUIRE(can_trace());
   const TempFolder folder;
   synthesise(folder);
@@ -146,7 +147,8 @@ TEST_CASE("faults: tune and accuracy leave old files or complete new files", "[.
          1);
 }
 
-TEST_CASE("faults: a command works although writing the cache of compiled kernels failed before", "[.long]") {
+TEST_CASE("faults: after a fault in writing the cache of compiled kernels, the command can be repeated",
+          "[.long]") {
   REQUIRE(can_trace());
   const TempFolder folder;
   synthesise(folder);
@@ -162,7 +164,7 @@ TEST_CASE("faults: a command works although writing the cache of compiled kernel
   attack(folder, "kernel cache, killed", kernels, kills(), 3);
 }
 
-TEST_CASE("Ctrl-C before the first step prints one line and leaves no files that prevent a new run") {
+TEST_CASE("Ctrl-C before the first iteration prints one line and leaves no files that prevent a new run") {
   REQUIRE(can_trace());
   const TempFolder folder;
   synthesise(folder);
@@ -175,7 +177,7 @@ TEST_CASE("Ctrl-C before the first step prints one line and leaves no files that
   CHECK(fs::exists(folder / "run/model.ply"));
 }
 
-TEST_CASE("commands that reuse the data of a run open them only once") {
+TEST_CASE("eval, render and reduce open the file with the test cameras only once") {
   REQUIRE(can_trace());
   const TempFolder folder;
   synthesise(folder);
@@ -217,7 +219,7 @@ TEST_CASE(
 
 TEST_CASE("power cuts: reported results remain, and unfinished work can be completed") {
   if (!LoopDisk::possible()) {
-    WARN("loop devices cannot be mounted here: power cuts are tested by the order of system calls only");
+    WARN("loop devices cannot be mounted here: for power cuts, only the order of system calls is tested");
     return;
   }
   REQUIRE(can_trace());

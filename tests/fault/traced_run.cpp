@@ -30,7 +30,10 @@ namespace {
 namespace fs = std::filesystem;
 using Word = unsigned long long;
 
-// The arguments of a call that are file names.
+// Names specifies which arguments of a system call identify its files. For `file`, `third_file` and
+// `fifth_file`, one argument is a file descriptor (the first, third or fifth). For `path` and `second_path`,
+// one argument is a path. For `at` and `second_at`, an argument is the descriptor of a folder, and the next
+// one is a path relative to it. `paths` and `at_paths` stand for an old and a new name.
 enum class Names { none, file, third_file, fifth_file, path, at, paths, at_paths, second_path, second_at };
 
 struct Known {
@@ -82,8 +85,9 @@ constexpr Known kKnown[] = {
 };
 
 // Returns a seccomp filter that makes the kernel stop a thread at those calls of the table whose kinds are in
-// `seen`, and at no other call. When a program is loaded, thousands of files are opened or mapped for reading
-// only. The filter recognises these calls by their flags, and lets them pass.
+// `seen`, and at no other call. When a program is loaded, it opens and maps thousands of files. The filter
+// recognises private mappings by their flags, and does not stop at them. If `seen` does not contain
+// look_calls, it also does not stop at calls of open and openat that open a file only for reading.
 std::vector<sock_filter> filter(unsigned seen) {
   const auto statement = [](unsigned code, unsigned k) {
     return sock_filter{static_cast<unsigned short>(code), 0, 0, k};
@@ -159,8 +163,9 @@ std::string file_path(pid_t thread, Word file) {
   return link_target(fmt::format("/proc/{}/fd/{}", thread, static_cast<int>(file)));
 }
 
-// Resolves the links of the folder, but not a link with the name itself, because rename and unlink work on
-// names.
+// Returns the absolute path of `name`, which may be relative to the folder. Resolves symbolic links in the
+// path of the folder. If the last component is a link, it is not resolved, because rename and unlink change
+// the link itself.
 std::string full_path(pid_t thread, int folder, const std::string& name) {
   if (name.empty()) return "";
   fs::path path = name;

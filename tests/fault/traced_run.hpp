@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Test support: runs a command and records its system calls on the files in one folder. The n-th call can be
-// made to fail, to do half of its work, or to be the last one of the process.
+// made to fail or to transfer half of its bytes. The process can also be killed before or after this call, or
+// receive a signal before it.
 //
 // The calls are intercepted by ptrace with a seccomp filter, at the boundary of the kernel. A preloaded
 // library would miss internal calls of libc, libstdc++ and OpenCV (fwrite, ofstream, and rename in
@@ -28,7 +29,7 @@ namespace ubs::test {
 enum CallKind : unsigned {
   open_calls = 1,   // open for writing, or with creation of the file
   write_calls = 2,  // write, writev, pwrite, copy_file_range, ..., and shared writable mappings
-  sync_calls = 4,   // fsync, fdatasync, syncfs, sync_file_range; sync, which has no file, always counts
+  sync_calls = 4,   // fsync, fdatasync, syncfs, sync_file_range; also sync, although it has no file
   rename_calls = 8,
   remove_calls = 16,   // unlink, unlinkat, rmdir
   make_calls = 32,     // mkdir, link, symlink
@@ -45,8 +46,8 @@ struct Call {
   CallKind kind;
   std::string name;      // name of the system call
   std::string path, to;  // relative to the folder if inside it; `to` is the new name of a rename or link
-  long result =
-      0;  // value that the kernel returned, or -errno; undefined for the call at which the process was killed
+  // Value that the kernel returned, or -errno. It is 0 if the process was killed before the call.
+  long result = 0;
 };
 
 std::string to_text(const std::vector<Call>& calls);
@@ -57,8 +58,9 @@ struct Fault {
   unsigned kinds;  // bits of CallKind; calls of these kinds are counted together
   int nth;         // number of the call at which the fault happens, counted from 1
   Action action;
-  int number =
-      0;  // fail: errno. signal: number of the signal, which is sent to the started process before the call
+  // For `fail`, the value of errno. For `signal`, the number of the signal, which is sent to the process of
+  // the command before the call. Not used for other actions.
+  int number = 0;
   bool lasting = false;  // fail: all later calls of these kinds also fail, as on a disk that stays full
 };
 
@@ -77,13 +79,14 @@ bool can_trace();
 
 // Runs the shell command `command` in `folder`, and records its calls on files in the folder `watched`, which
 // need not exist yet. Writes its output to stdout.txt and stderr.txt in `folder`. Waits for child processes
-// that outlive the command. A kill terminates the process that made the call. `seen` are the kinds of calls
-// that are recorded. A process starts faster if reading calls are excluded.
+// that outlive the command. Kills all processes after `limit_seconds`. The actions kill_before and kill_after
+// only kill the process that made the call. `seen` contains the kinds of calls that are recorded. A process
+// starts faster if look_calls are excluded.
 TracedRun trace_command(const TempFolder& folder, const std::string& command,
                         const std::filesystem::path& watched, const std::optional<Fault>& fault = {},
                         int limit_seconds = 120, unsigned seen = all_calls);
 
-// Does the same as trace_command() for the executable under test.
+// Runs ubs or ubs-lab (program_of()) with these arguments, and records its calls like trace_command().
 inline TracedRun trace_ubs(const TempFolder& folder, const std::string& arguments,
                            const std::filesystem::path& watched, const std::optional<Fault>& fault = {},
                            int limit_seconds = 120, unsigned seen = all_calls) {

@@ -47,7 +47,7 @@ TEST_CASE("traced run: calls of the command, its children and the C library are 
   CHECK(get(folder / "out/inner/five") == "two\n");
 }
 
-TEST_CASE("traced run: the n-th call fails, is shortened, or is the last call of the process") {
+TEST_CASE("traced run: the n-th call can fail, be shortened or end the process, and a time limit works") {
   REQUIRE(can_trace());
   const TempFolder folder;
   fs::create_directory(folder / "out");

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Runs the fuzz targets in every build, without a fuzzer. The inputs are the seeds, and seeds with systematic
-// damage at about 60 positions: they are truncated there, a byte is replaced by three other values, or eight
+// Runs the fuzz targets in every build, without a fuzzer. The inputs are the seeds and damaged seeds. A seed
+// is damaged at 60 to 119 evenly spaced positions, or at each byte if it has fewer than 60. At each position,
+// five inputs are tested: the seed is truncated there, its byte is replaced by each of three values, or eight
 // bytes are replaced by 0xff, which makes counts huge.
 #include <catch2/catch.hpp>
 

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Implements the fuzz targets for splat files, data sets and weights. The targets for images, videos and
-// files of runs are in other files of this folder.
+// Implements the fuzz targets for splat files, data sets, files of network weights, headers of images, and
+// the detection of file types. targets_media.cpp contains the targets for images and videos, and
+// targets_run.cpp contains those for files of runs.
 #include "tests/fuzz/targets.hpp"
 
 #include <cstring>
@@ -84,8 +85,8 @@ std::vector<std::string> seed_ply() {
   return seeds;
 }
 
-// The input is a file, or, if the first byte is odd, a file whose header gets a correct checksum, so that the
-// code after this check is tested.
+// The input is one byte, followed by a file. If the first byte is odd, the function replaces the checksum of
+// the header by the correct one, so that the code that runs after the checksum test is tested too.
 void run_ubsz(Data d) {
   if (d.empty()) return;
   std::vector<std::uint8_t> file(d.begin() + 1, d.end());
@@ -157,8 +158,9 @@ std::vector<std::string> seed_usda() {
   return seeds;
 }
 
-// The input is an archive, or, if the first byte is odd, the members of an archive that is created with
-// correct checksums.
+// The input of run_sog() is one byte, followed by an archive if this byte is even. If it is odd, the members
+// of the archive follow as blocks, in the order of kSogMembers, and run_sog() creates an archive with correct
+// checksums from them.
 constexpr const char* kSogMembers[] = {"meta.json",  "means_l.webp", "means_u.webp",       "scales.webp",
                                        "quats.webp", "sh0.webp",     "shN_centroids.webp", "shN_labels.webp"};
 void run_sog(Data d) {
@@ -193,8 +195,9 @@ std::vector<std::string> seed_sog() {
   return seeds;
 }
 
-// The input is the tree of a streamed SOG, or, if the first byte is odd, the meta.json of one of its folders.
-// The images are intact, because the target of run_sog() tests damaged images.
+// The input is one byte, followed by the lod-meta.json of a streamed SOG if this byte is even, or by the
+// meta.json of one of its folders if it is odd. The images are intact, because run_sog() tests damaged
+// images.
 void run_streamed_sog(Data d) {
   if (d.empty()) return;
   static const std::vector<std::pair<std::string, std::vector<std::byte>>> members = [] {
@@ -402,7 +405,7 @@ std::vector<std::string> seed_file_kind() {
   return seeds;
 }
 
-// Only tests the headers that ubs parses itself.
+// Tests only the headers that ubs parses itself. Files of JPEG start with 0xff, and those of PNG with 0x89.
 void run_image_header(Data d) {
   if (d.size() < 2 || !(d[0] == 0xff || d[0] == 0x89)) return;
   const fs::path path = put("x.jpg", d);

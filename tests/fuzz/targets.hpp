@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Lists the fuzz targets. Each target opens a block of bytes as the content of a file. An Error is a correct
-// result. Any other exception, and every report of a sanitizer, is a defect.
+// Lists the fuzz targets. Each target reads its input, any sequence of bytes, as the content of one or more
+// files. An Error is a correct result. Any other exception, and every report of a sanitizer, is a defect.
 #pragma once
 
 #include <cstddef>

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Implements the fuzz targets for images, videos and masks. They decode files with OpenCV, TurboJPEG and
-// libpng, and process them up to the image that training uses.
+// libpng. Like the loader of training images, they also resize the images and apply masks.
 #include <fcntl.h>
 #include <unistd.h>
 
@@ -35,7 +35,8 @@ class Quiet {
 
 constexpr int kMaxPixels = 1 << 20;  // larger images are valid, but slow
 
-// Adds an image with many different values as PNG, JPEG and so on, unless OpenCV has no encoder for it.
+// Adds an image with many different values to the seeds. `extension` selects the format, and `type` is the
+// type of its pixels in OpenCV. Adds nothing if OpenCV has no encoder for them.
 void add_encoded(std::vector<std::string>& seeds, const char* extension, int type) {
   cv::Mat image(6, 5, type);
   for (int y = 0; y < image.rows; ++y)
@@ -59,7 +60,8 @@ void add_encoded(std::vector<std::string>& seeds, const char* extension, int typ
 
 }  // namespace
 
-// The first byte determines whether the file has the extension of EXR.
+// The input is one byte, followed by a file. If the first byte is odd, the file gets the extension .exr,
+// otherwise .png.
 void run_image(Data d) {
   if (d.empty()) return;
   const fs::path path = put(d[0] % 2 == 1 ? "x.exr" : "x.png", d.subspan(1));

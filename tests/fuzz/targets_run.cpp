@@ -27,8 +27,8 @@ std::string small_checkpoint() {
 
 }  // namespace
 
-// The input is the header as a block, followed by numbers. This function creates the preamble and the
-// checksum, because a fuzzer cannot guess them.
+// The input is the header of a checkpoint as a block, followed by the arrays of numbers. This function adds
+// the preamble and the checksum, because a fuzzer cannot guess them.
 void run_checkpoint(Data d) {
   static const std::string magic_and_version = small_checkpoint().substr(0, 12);
   const Data header = take_block(d);

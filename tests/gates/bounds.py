@@ -1,14 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """Contains upper bounds for the figures of each kernel, by target. A bound is slightly larger than the value that was
-observed on 2026-11-21 (docs/results), so that other minor versions of a compiler also pass. If a figure improves, lower
-its bound. Scratch, stack and spills without a bound must be 0. For rasterisers, these figures never have a bound.
+observed on 2026-11-21 (docs/results) or on the date in a comment, so that other minor versions of a compiler also pass.
+If a figure improves, lower its bound. Scratch, stack and spills without a bound must be 0. Do not add bounds for these
+three figures of the rasterisers, which must always be 0.
 
     vgpr, registers          number of registers per work-item
     lds                      bytes of local memory per work-group
     scratch, stack, private  bytes of memory per work-item (on Xe: per thread)
     spill                    number of spilled registers on AMD; bytes of spilled registers on other targets
     instructions             number of instructions of the whole kernel
-    visit                    number of instructions of the loop that processes one splat at one pixel
+    visit                    number of instructions of the loop that blends splats at one pixel; some compilers unroll
+                             it, so one pass may blend several splats
     narrow                   number of instructions that load or store one word of global memory or less"""
 
 BOUNDS = {

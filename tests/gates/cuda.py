@@ -39,7 +39,8 @@ def unlike_transmittances(nvcc, nvdisasm, scratch):
         # splat.
         unlike = [name for name in {*forward, *backward} - {"FADD"} if forward.count(name) != splats * backward.count(name)]
         if len(found["raster_gpu_backward"]) != 1 or unlike:
-            print(f"FAILED: sm_{architecture}: the backward rasteriser uses {sorted(found['raster_gpu_backward'])}")
+            print(f"FAILED: sm_{architecture}: for one splat, the backward rasteriser uses other instructions: "
+                  f"{sorted(found['raster_gpu_backward'])}")
             bad.append(architecture)
     return bad
 
@@ -66,7 +67,8 @@ def main():
                         table.add(kernel, {**resources[mangled], **sass.counts(code)}, n)
         unlike = unlike_transmittances(nvcc, nvdisasm, scratch)
     if unlike:
-        table.bad.append(f"forward and backward rasteriser compute the transmittance differently on sm_{unlike}")
+        table.bad.append("the forward and the backward rasteriser compute the transmittance differently on the "
+                         f"architectures {unlike}")
     gate.finish([table])
 
 

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Functions that the gates for offline compilers share (tests/gates/README.md). They find tools, read programs, and
-compare figures with their bounds.
+"""Defines the functions that find tools, read programs, and compare figures with their bounds. All gates that run
+offline compilers use them (tests/gates/README.md).
 
-A gate prints a table. Its exit code is 0 if all figures are within their bounds, 1 if a figure exceeds its bound, and
-77 (skipped) if a tool is missing. By default, a gate checks one program of each kind with N = 6. With UBS_GATES=all, it
-checks every program with N = 3, 6, 7.
+A gate prints a table. Its exit code is 0 if all figures are within their bounds, 1 if a figure exceeds its bound or a
+command fails, and 77 (skipped) if a tool is missing. By default, a gate checks one program of each kind with N = 6.
+With UBS_GATES=all, it checks every program with N = 3, 6, 7.
 """
 
 import argparse
@@ -29,8 +29,8 @@ def skip(what, how):
 
 
 def find(tools, names, folders=()):
-    """Returns the path of the first of these programs or files that is found in the folder of the gates, in `folders`
-    or in PATH. Returns None if none of them is found."""
+    """Returns the path of the first of the programs `names` that is found in the folder `tools`, in `folders` or in
+    PATH. Returns None if none of them is found."""
     for name in names:
         for folder in [tools / "venv" / "bin", tools / "root" / "usr" / "bin", *map(pathlib.Path, folders)]:
             if (folder / name).exists():
@@ -61,8 +61,8 @@ class Program:
         self.kind = re.sub(r"_\d+$", "", self.name)
 
     def options_with(self, **values):
-        """Returns the options with different values for macros that they already define, such as UBS_N and
-        UBS_SUBGROUPS."""
+        """Returns the options of the program with other values of macros, such as UBS_N and UBS_SUBGROUPS. Ignores
+        macros that the options do not define."""
         options = self.options
         for name, value in values.items():
             options = [f"-D{name}={value}" if o.startswith(f"-D{name}=") else o for o in options]
@@ -71,7 +71,7 @@ class Program:
 
 def programs(folder):
     """Returns the programs that gate_scene has written, which are those that the host passes to a driver. By default,
-    returns only the program with the most kernels of each kind."""
+    returns only one program of each kind: the one with the most kernels."""
     found = [Program(path) for path in sorted(folder.glob("*.cl"))]
     if not found:
         print(f"FAILED: {folder} contains no programs: run gate_scene (test gate_programs) first")
@@ -92,8 +92,8 @@ def dims(program):
 
 
 class Table:
-    """Prints the figures of kernels with their bounds, and collects those that exceed their bounds. Figures for spills,
-    scratch memory and the stack must be 0 if they have no bound."""
+    """Prints the figures of kernels with their bounds, and collects those that exceed their bounds. Spills, scratch
+    memory and the stack must be 0 if they have no bound. This rule does not apply to kernels with N other than 6."""
 
     MUST_BE_ZERO = ("scratch", "stack", "spill")
 

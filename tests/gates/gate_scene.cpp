@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Runs every OpenCL stage on a scene of two tiles, which is small enough for a simulator
-// (tests/gates/README.md):
+// Trains and renders a scene of two tiles with OpenCL, which runs nearly all kernels. The scene is small
+// enough for a simulator (tests/gates/README.md):
 //   gate_scene cpu|gpu [FOLDER]
 // With `cpu`, the program uses the kernels and the vector width that the host selects for CPUs, and with
 // `gpu` those for GPUs. Both are possible on any device. If FOLDER is given, every program is written to this
@@ -38,7 +38,7 @@ std::unique_ptr<Device> open_first(bool gpu, bool export_programs) {
   cl_uint count = 0;
   opencl::check(clGetPlatformIDs(8, platforms.data(), &count), "clGetPlatformIDs");
   cl_device_id device = nullptr;
-  DeviceInfo info = all[0];  // the first platform that has devices
+  DeviceInfo info = all[0];  // a device of the first platform that has devices
   for (cl_uint i = 0; i < count && device == nullptr; ++i)
     if (clGetDeviceIDs(platforms[i], CL_DEVICE_TYPE_ALL, 1, &device, nullptr) == CL_SUCCESS)
       platforms[0] = platforms[i];
@@ -93,8 +93,8 @@ double train(Device& device, bench::BenchScene scene, const std::string& raster)
   return loss;
 }
 
-// Renders a view with depth, with tile lists for whose size the host waits. Returns the largest weight of a
-// splat in a pixel.
+// Renders the first view with depth. In contrast to train(), the host waits for the size of the tile lists.
+// Returns the largest weight of a splat in a pixel.
 float largest_weight(Device& device, const bench::BenchScene& scene, RasterKind raster) {
   const DeviceGroups groups(device, MixedModel(scene.model), {.raster = raster, .depth = true});
   Renderer renderer(device, groups.stages());

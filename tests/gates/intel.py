@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Checks the spills of the OpenCL kernels on Intel GPUs of the type Xe (DG2, sold as Arc), and prints their vector
-widths. The kernels are compiled by ocloc of intel-opencl-icd."""
+"""Checks the spills of the OpenCL kernels on Intel GPUs of the type Xe (DG2, sold as Arc), and prints the private
+memory and the vector width of each kernel. The kernels are compiled by ocloc of intel-opencl-icd."""
 
 import os
 import re
@@ -28,7 +28,7 @@ def main():
     args = gate.arguments(__doc__)
     ocloc = gate.find(args.tools, ["ocloc"])
     if not ocloc:
-        gate.skip("ocloc", "install intel-opencl-icd, or run tools/setup.sh gates, which unpacks it below the build")
+        gate.skip("ocloc", "install intel-opencl-icd, or run tools/setup.sh gates to unpack it in the build folder")
     libraries = args.tools / "root/usr/lib/x86_64-linux-gnu"
     environment = {**os.environ, "LD_LIBRARY_PATH": f"{libraries}:{os.environ.get('LD_LIBRARY_PATH', '')}"}
     table = gate.Table("xe_dg2")

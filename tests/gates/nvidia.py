@@ -3,8 +3,8 @@
 by clang for nvptx with libclc, and then by ptxas.
 
 The OpenCL compiler in NVIDIA's driver is a different one, so these results only show approximately which resources the
-sources require. libclc has no native_* functions for these GPUs. They are replaced by the instructions that NVIDIA
-documents for these functions."""
+sources require. libclc has no functions such as native_log2() for these GPUs. This script defines them with the
+instructions that NVIDIA documents for them."""
 
 import gate
 import sass

@@ -4,8 +4,8 @@
 #   tests/gates/on_driver.sh [long] DRIVER TOOLS COMMAND...
 # DRIVER is `races` or `uninitialised` (both are Oclgrind), `rusticl` (Mesa with llvmpipe), or `intel` (Intel's runtime
 # for CPUs). TOOLS is the folder into which tools/setup.sh installs the implementations. If the implementation is
-# missing, the script prints a message and exits with 77. It does the same if the first argument is `long` and the
-# environment variable UBS_GATES is not `all`.
+# missing, the script prints a message and exits with 77. If the first argument is `long`, it also does so unless the
+# environment variable UBS_GATES is `all`.
 set -euo pipefail
 
 if [ "$1" = long ]; then
@@ -24,7 +24,7 @@ missing() {
 }
 
 # Checks that Oclgrind detects the error in a kernel that contains a wrong statement. The arguments are a folder for
-# files, an option of Oclgrind, the expected message, and the wrong statement.
+# files, an option of Oclgrind, a part of the expected message, and the wrong statement.
 check_oclgrind() {
   printf '__kernel void wrong(__global int* to) { __local int l[2]; if (get_local_id(0) > 9) l[0] = 1; %s }\n' "$4" \
     >"$1/wrong.cl"
@@ -65,6 +65,6 @@ case $driver in
     # Intel's runtime needs the TBB library that is installed with it, which is newer than the one that OpenCV needs.
     LD_PRELOAD=$tools/venv/lib/libtbb.so.12 "$@" ;;
   *)
-    echo "unknown driver: $driver" >&2
+    echo "unknown driver: $driver: expected races, uninitialised, rusticl or intel" >&2
     exit 2 ;;
 esac

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Functions that parse the output of ptxas and nvdisasm, the assembler and the disassembler of the CUDA toolkit."""
+"""Defines functions that parse the output of ptxas and nvdisasm, the assembler and the disassembler of the CUDA
+toolkit."""
 
 import re
 
@@ -49,8 +50,8 @@ def functions(text):
 
 
 def loops(lines):
-    """Returns all instructions, and for each loop the indices of its first and its last instruction, which is a
-    backward branch."""
+    """Returns all instructions, and for each loop the indices of its first and its last instruction. The last
+    instruction of a loop is a branch back to the first one."""
     code, labels, found = [], {}, []
     for line in lines:
         if match := LABEL.match(line):
@@ -99,8 +100,8 @@ def arithmetic_of(code, end, register, begin):
 
 
 def transmittances(lines):
-    """Returns, for each visit loop of a kernel, the result of arithmetic_of() for the transmittance after a splat. The
-    transmittance is recognised by its comparison with 1e-4."""
+    """Returns a set with the results of arithmetic_of() for the transmittances after a splat, in all loops of a kernel.
+    A transmittance is recognised by its comparison with 1e-4."""
     code, all_loops = loops(lines)
     found = set()
     for at, line in enumerate(code):

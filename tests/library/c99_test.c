@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0
- * The library as a C99 program uses it: a model of two splats, a picture of it, a gradient, a comparison, and
- * errors. */
+ * Tests the library as a C99 program uses it: creates a model of two splats, renders it, computes a gradient,
+ * compares images, and checks the codes and messages of errors. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -14,7 +14,7 @@ static int failures = 0;
 
 static void expect(int holds, const char* what) {
   if (holds) return;
-  fprintf(stderr, "does not hold: %s (last error: %s)\n", what, ubs_error_message());
+  fprintf(stderr, "this expectation is not met: %s (last error: %s)\n", what, ubs_error_message());
   ++failures;
 }
 #define EXPECT(condition) expect((condition), #condition)
@@ -100,7 +100,7 @@ int main(void) {
   EXPECT(light > 1 && light < PIXELS);
   EXPECT(fabs(depth[HEIGHT / 2 * WIDTH + WIDTH / 2] - 3) < 1e-4);
 
-  /* More opacity gives more alpha. */
+  /* A higher opacity increases alpha, so the gradient of the sum of alpha must be positive. */
   EXPECT(ubs_model_copy(model, &gradient) == UBS_OK);
   for (i = 0; i < PIXELS; ++i) v_alpha[i] = 1;
   v.alpha = v_alpha;
@@ -119,7 +119,7 @@ int main(void) {
     EXPECT(strstr(ubs_error_message(), "is not possible") != NULL && metrics.ssim == 0.5);
   }
 
-  /* The published falloff, as expressions, gives the same image. */
+  /* A renderer that gets the published falloff as expressions must give the same image. */
   EXPECT(ubs_renderer_create_falloff(device, model, NULL, 0, &falloff, &other) == UBS_OK);
   image.depth = NULL;
   image.alpha = v_alpha;
@@ -136,7 +136,7 @@ int main(void) {
   EXPECT(ubs_renderer_draw(renderer, &camera, &image) == UBS_ERROR_USAGE);
   EXPECT(ubs_renderer_draw(NULL, &camera, &image) == UBS_ERROR_USAGE);
 
-  /* The order does not matter. */
+  /* Objects may be freed in any order: the renderer still works after its device and its model are freed. */
   ubs_device_free(device);
   ubs_model_free(model);
   image.size = sizeof image;

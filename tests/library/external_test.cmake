@@ -6,7 +6,7 @@ function(run)
   execute_process(COMMAND ${ARGN} RESULT_VARIABLE code OUTPUT_VARIABLE text ERROR_VARIABLE text)
   message("${text}")
   if(NOT code EQUAL 0)
-    message(FATAL_ERROR "failed: ${ARGN}")
+    message(FATAL_ERROR "this command ended with an error (${code}): ${ARGN}")
   endif()
 endfunction()
 

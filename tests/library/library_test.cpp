@@ -56,7 +56,8 @@ void run_ubs(const std::string& arguments) {
   output_of(std::string(UBS_EXECUTABLE) + " " + arguments + " 2>&1");
 }
 
-// A small data set, which the executable creates once.
+// Returns a folder with a small data set, which the executable creates when this function is called for the
+// first time.
 const Folder& scene() {
   static const Folder folder;
   static const bool made = [] {
@@ -135,7 +136,7 @@ std::vector<float> all_values(const ubs::Model& model) {
   return all;
 }
 
-TEST_CASE("the shared library exports the functions of its header and nothing else") {
+TEST_CASE("the shared library exports the functions that ubs.h declares, and nothing else") {
   std::set<std::string> shown, declared;
   std::istringstream symbols(output_of("nm -D --defined-only " UBS_LIBRARY));
   for (std::string address, kind, name; symbols >> address >> kind >> name;)
@@ -257,7 +258,8 @@ TEST_CASE(
   CHECK(made.view_count("val") == 0);
   CHECK(made.image("test", 1) == opened.image("test", 1));
   ubs::Device device;
-  // The images of the arrays are opaque, but those of the folder are not, so the background is black.
+  // The images of the folder have an alpha channel, and those of the arrays do not. So both trainings use a
+  // constant black background, for which this makes no difference.
   const auto first =
       settings().set("iterations", 20).set("background", "black").set("random_background", "off");
   ubs::Trainer a(device, opened, first), b(device, made, first);
@@ -294,7 +296,8 @@ TEST_CASE(
   CHECK(norm(all_values(gradient)) > 0);
   CHECK(all_values(gradient) == all_values(ubs::Model(out / "gradient.ply")));
 
-  // Compares the gradient of the mean difference, computed here, with that of the loss.
+  // With lambda = 0, the loss is the mean absolute difference. Computes its gradient from the rendered image
+  // with vjp(), and compares the result with that of loss().
   std::vector<float> v(target.size());
   for (std::size_t i = 0; i < v.size(); ++i)
     v[i] = (picture.rgb[i] > target[i] ? 1.0f : -1.0f) / static_cast<float>(v.size());
@@ -307,7 +310,7 @@ TEST_CASE(
   CHECK(norm(difference) <= 1e-5 * norm(x));
 }
 
-TEST_CASE("models preserve their values in files, and their pointers stay valid") {
+TEST_CASE("files preserve the values of models, pointers to values stay valid, and NaN is not saved") {
   Folder out;
   const ubs::Model model = small_model(7);
   CHECK(model.info().dim == 7);
@@ -345,7 +348,7 @@ TEST_CASE("models preserve their values in files, and their pointers stay valid"
               [&] { loaded.save(out / "x.ply", "3dgs", std::numeric_limits<double>::quiet_NaN()); });
 }
 
-TEST_CASE("two threads with one renderer each can render at the same time, on two devices or on one") {
+TEST_CASE("two threads with one renderer each get correct images, on two devices or on a shared one") {
   const ubs::Model models[2] = {small_model(3, 1), small_model(6, 2)};
   std::vector<float> expected[2], found[2][8];
   for (int k = 0; k < 2; ++k) {
@@ -396,10 +399,10 @@ TEST_CASE("several threads train at the same time, each with its own device, and
   for (auto& other : others) CHECK(other.get() == alone);
 }
 
-// Compares the gradient of a weighted sum of colours and depths of all pixels with central differences of
-// renders. Single precision and the rims of the splats leave these differences only two correct digits.
-// tests/pipeline compares gradients with those in float64.
-TEST_CASE("gradients of depth and of the camera agree with differences of renders") {
+// Compares the gradient of a weighted sum of colours and depths with central differences of renders. These
+// differences have only about two correct digits, because renders have single precision and splats end
+// abruptly at their rims. tests/pipeline compares gradients with those in float64.
+TEST_CASE("the camera gradient of colours and depth agrees with central differences of renders") {
   ubs::Device device;
   const ubs::Model model = small_model(6);
   for (float& v : model.parameter("opacity").values) v += 2;
@@ -457,7 +460,7 @@ TEST_CASE("gradients of depth and of the camera agree with differences of render
   before_sky.vjp(camera, v_rgb, {}, nullptr);
   check_error(UBS_ERROR_USAGE, "sky", [&] { before_sky.camera_gradient(); });
 
-  // Simulates a program that was compiled before the struct had depth.
+  // Simulates a program that was compiled before ubs_image_gradient had the member `depth`.
   auto v = ubs::sized<ubs_image_gradient>();
   v.size = offsetof(ubs_image_gradient, depth);
   v.rgb = v_rgb.data();
@@ -515,14 +518,14 @@ TEST_CASE("opening and closing models and settings a thousand times does not inc
   const std::uint64_t before = resident_bytes();
   for (int i = 0; i < kRounds; ++i) once();
   const auto grown = static_cast<double>(resident_bytes()) - static_cast<double>(before);
-  CHECK(grown < 100.0 * kRounds);  // observed: 12 KiB
-  // Does not check the memory that opening data sets takes, because the allocators keep some of it: threads
-  // decode the images, and LeakSanitizer's allocator keeps 12 KiB for each data set, the ordinary one 16
-  // bytes. If memory leaks here, LeakSanitizer makes the test fail.
+  CHECK(grown < 100.0 * kRounds);  // the growth observed is 12 KiB
+  // Also opens data sets, but does not check the growth of memory. Threads decode the images of a data set,
+  // and the allocator keeps some of their memory: the usual allocator keeps 16 bytes for each data set, and
+  // that of LeakSanitizer 12 KiB. If memory leaks here, LeakSanitizer makes the test fail.
   for (int i = 0; i < kRounds; ++i) CHECK(!ubs::Data(scene() / "data").image("train", 0).empty());
 }
 
-TEST_CASE("a renderer accepts new values of the parameters") {
+TEST_CASE("a renderer accepts a new model with at most as many splats and the same dimensions") {
   ubs::Device device;
   const ubs::Model one = small_model(6, 1), other = small_model(6, 5), fewer = small_model(6, 5, 10),
                    more = small_model(6, 5, 41);

@@ -45,7 +45,8 @@ double loss(const std::vector<Splat>& splats) {
 
 using Conic = std::array<double, 3>;
 
-// Returns the entries 00, 01 and 11 of v_Q = -L^-1 W L^-T.
+// Returns the entries 00, 01 and 11 of v_Q, the gradient of the conic Q = L^T L. It is -L^-1 W L^-T, where W
+// is the symmetric matrix with the entries w00, w01 and w11 (method.md 3.2).
 Conic conic_gradient(const BlendSplat& l, double w00, double w01, double w11) {
   const double a = 1 / l.l00, b = -l.l01 / (l.l00 * l.l11), c = 1 / l.l11;  // L^-1 = [[a, b], [0, c]]
   return {-(a * a * w00 + 2 * a * b * w01 + b * b * w11), -(a * c * w01 + b * c * w11), -c * c * w11};

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Tests kernels/math/loss.h in double precision. Compares the SSIM of one window with the textbook formula,
-// and the gradient of the whole loss with central differences. For these, the loss is computed directly from
-// the textbook formula, with zeros outside of the image.
+// and the gradient of the whole loss with central differences. For the differences, the loss is computed
+// directly from the textbook formula, with zeros outside of the image.
 // clang-format off
 #include <catch2/catch.hpp>
 
@@ -34,7 +34,8 @@ double textbook(double x, double t, double xx, double tt, double xt) {
          ((x * x + t * t + 1e-4) * (xx - x * x + tt - t * t + 9e-4));
 }
 
-// Returns the mean of f(i) over the window at (px, py). f is zero outside of the image.
+// Returns the weighted mean of f(i) over the window at (px, py), where i is the index of a pixel. f counts as
+// zero outside of the image.
 template <class F>
 double blur(int px, int py, const F& f) {
   double sum = 0;
@@ -98,7 +99,8 @@ TEST_CASE("the weights of the SSIM window are a normalised Gaussian with a sigma
   CHECK(weights[5] == Approx(0.266011715).epsilon(1e-6));
 }
 
-TEST_CASE("the SSIM of a window agrees with the textbook formula for any shift", "[loss]") {
+TEST_CASE("the SSIM of a window agrees with the textbook formula, whatever is subtracted from the colours",
+          "[loss]") {
   const Images images = random_images(-0.2, 1.3);
   for (const double shift : {0.0, 0.5, 1.0})
     for (int y = 0; y < kHeight; y += 2)

@@ -52,9 +52,8 @@ TEST_CASE("the opacity of a source without copies does not change", "[mcmc]") {
     CHECK(split_raw_opacity(raw, 1.0) == Approx(raw).epsilon(1e-12).margin(1e-12));
 }
 
-TEST_CASE(
-    "sampling weights are rounded multiples of opacities, and those of live splats are 0 for dead splats",
-    "[mcmc]") {
+TEST_CASE("sampling weights are rounded multiples of opacities; sampling_weight_alive() is 0 for dead splats",
+          "[mcmc]") {
   CHECK(sampling_weight(0.0) == 8388608.0);
   CHECK(sampling_weight(100.0) == 16777216.0);
   CHECK(sampling_weight(-100.0) == 0.0);
@@ -98,7 +97,8 @@ TEST_CASE("noise that is not finite does not move a splat", "[mcmc]") {
   CHECK((nan.e[0] == 0 && nan.e[1] == 0 && nan.e[2] == 0));
 }
 
-// The numbers are computed with the arithmetic of method.md 4.3.
+// Evaluates the growth rule of method.md 4.3, floor(1.02 P), for two scenes of the paper, starting from the
+// numbers of their initial points.
 TEST_CASE("growth by 2 % gives the expected number of splats, and reaches the maximum when expected",
           "[mcmc]") {
   const auto grown = [](long count) {

@@ -47,7 +47,7 @@ TEST_CASE("Philox gives the same numbers in the kernels and on the host", "[rng]
   }
 }
 
-TEST_CASE("random numbers depend on every part of the counter", "[rng]") {
+TEST_CASE("random numbers depend on the seed, the iteration, the purpose and the index", "[rng]") {
   const RandomWords base = random_words(1, 2, 3, 4, 5, 6);
   for (const RandomWords other :
        {random_words(9, 2, 3, 4, 5, 6), random_words(1, 9, 3, 4, 5, 6), random_words(1, 2, 9, 4, 5, 6),

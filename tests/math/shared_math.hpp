@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Compiles the mathematics of the kernels (kernels/math) for the host, in double precision and for one number
-// of dimensions. CMake defines UBS_N, and compiles files that include this header once for each N.
+// Compiles the mathematics of the kernels (kernels/math) for the host, in double precision, for one number of
+// dimensions (UBS_N) and one variant. CMake defines the macros for them, and compiles the files that include
+// this header once for each combination.
 #pragma once
 
 #include <cmath>

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // SplatForm is the interface to one form of the mathematics of a splat (kernels/math/splat.h). A form is a
-// combination of a variant, a number of dimensions N, and the kind of gradient (with or without the path
-// through the view direction, or that of the camera). The types of the interface do not depend on the form.
-// So splat_form.cpp is compiled once for each form, but the tests in splat_vjp_test.cpp are compiled only
-// once.
+// combination of a variant, a number of dimensions N, and one of three kinds of gradient: of the parameters
+// without the path through the view direction, of the parameters with this path, or of the camera. The types
+// of the interface do not depend on the form. So splat_form.cpp is compiled once for each form, but the tests
+// in splat_vjp_test.cpp are compiled only once.
 #pragma once
 
 #include <array>
@@ -13,8 +13,8 @@
 
 namespace ubs::test {
 
-// The raw parameters of a splat by rows, or the gradients of these parameters at the same indices, or the
-// gradient of the camera.
+// SplatValues contains the raw parameters of a splat in the order of their rows, the gradients of these
+// parameters in the same order, or the gradient of the camera.
 using SplatValues = std::array<double, 128>;
 
 // Intermediate values of a splat. Forms without UBS_COUPLED_FACTOR (kernels/math/conditional.h) set only

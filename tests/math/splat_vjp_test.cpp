@@ -309,8 +309,9 @@ TEST_CASE("the covariance of a strongly coupled splat is the same with and witho
                                                   << "; splats without factor: " << others);
     REQUIRE(others > (form.kinds.beta_cond == ubs::BetaCond::on ? 15 : -1));
     CHECK(worst_of_one < 2.7e-15);  // the largest difference observed is 1.35e-15
-    // The largest difference observed is 1.58e-15. It is 3.03e-15 with cov_mode whiten, for which the splats
-    // are others, because the minimum of the query scales is another one.
+    // The largest difference observed is 1.58e-15, and 3.03e-15 with cov_mode whiten. The test uses other
+    // splats for whiten, because thin_splat() depends on the minimum of the query scales, which differs
+    // there.
     CHECK(worst_below < (form.kinds.cov_mode == ubs::CovMode::whiten ? 6.0e-15 : 2.8e-15));
     CHECK(worst_large < 1.08e-14);  // the largest difference observed is 5.44e-15 (cholesky, N = 6)
   });

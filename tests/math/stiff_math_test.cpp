@@ -19,7 +19,7 @@ FrameMat identity() {
   return k;
 }
 
-TEST_CASE("the ellipse of a general K is that of the mirrored upper triangle of M K M^T", "[math]") {
+TEST_CASE("if K is not symmetric, the ellipse is computed from the upper triangle of M K M^T", "[math]") {
   std::mt19937_64 g(3);
   double worst = 0;
   for (int round = 0; round < 200; ++round) {
@@ -86,8 +86,9 @@ TEST_CASE("the gradient with respect to the axis lengths of a very long ellipse 
 }
 
 // The splat has radii of 20 px, and K = diag(1, -k, 1). Then det(T V T^T) = -160000 k, and the blur adds
-// 0.3 (400 - 400 k + 0.3) to the determinant.
-TEST_CASE("an ellipse that is only definite because of the blur is not rendered", "[math]") {
+// 0.3 (400 - 400 k + 0.3) to the determinant. The limit is UBS_DEFINITE (kernels/limits.h).
+TEST_CASE("an ellipse is rendered only if its determinant exceeds a tenth of what the blur adds to it",
+          "[math]") {
   CameraView cam{};
   for (int i = 0; i < 3; ++i) cam.rotation[i][i] = 1;
   cam.fx = cam.fy = 100, cam.cx = cam.cy = 32, cam.width = cam.height = 64;
@@ -129,7 +130,8 @@ TEST_CASE("query rows that are nearly linearly dependent become orthogonal", "[m
         worst = std::max(worst, std::abs(dot));
       }
   }
-  CHECK(worst < 3.2e-16);  // the largest value observed is 1.6e-16; with only one pass it is 1e-10
+  // The largest value observed is 1.6e-16. With only one pass of orthogonalisation it is 1e-10.
+  CHECK(worst < 3.2e-16);
 }
 
 }  // namespace

@@ -140,7 +140,7 @@ double vgg16_lpips(const TensorFile& file, Planes a, Planes b) {
 
 TEST_CASE("lpips: VGG16 of full size agrees with an independent implementation in double precision",
           "[metrics]") {
-  const PlanarSize size{35, 33};  // odd, so that all poolings except one ignore a remainder
+  const PlanarSize size{35, 33};  // odd, so that the first two of the four poolings ignore a remainder
   const auto pair = check::image_pair(size);
   const TensorFile weights = random_vgg16();
   const test::TempFolder folder;

@@ -80,7 +80,7 @@ TEST_CASE("absolute gradients of positions are sums of the absolute gradients of
       }
       const double error = test::relative_error(sums, expected);
       fmt::print("raster {}: absolute gradients {:.1e}\n", test::text(raster), error);
-      CHECK(error < 1.1e-7);  // largest observed: 5.4e-8
+      CHECK(error < 1.1e-7);  // the largest error observed is 5.4e-8
       CHECK(test::relative_error(others, plain_others) < 1e-7);
     }
 }

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Tests the arrays of a renderer in device memory (ubs_renderer_get_array): their values are bit-identical to
-// those of the copying functions. The CUDA back end on the host has arrays that this test can read.
+// those of the functions that copy results to the host. This test can read the arrays of PoCL's CPU devices
+// and of the CUDA back end on the host, but not those in the memory of a GPU.
 #include <algorithm>
 #include <catch2/catch.hpp>
 #include <vector>
@@ -30,7 +31,7 @@ Model splats(std::uint64_t seed) {
     for (float& v : p.values) v = static_cast<float>(random.uniform(at++, 0, -0.5, 0.5));
   for (float& z : model.parameter("xyz").row(2)) z += 3;
   for (float& z : model.parameter("mean").row(2))
-    z += 1;  // the mean direction is +z, so that they are visible from the front
+    z += 1;  // the mean direction is +z, so that the camera sees the splats from this direction
   for (float& v : model.parameter("opacity").values) v += 2;
   for (float& v : model.parameter("scale").values) v -= 0.5f;
   return model;
@@ -127,8 +128,9 @@ TEST_CASE("arrays of a renderer in device memory equal the copied values") {
     CHECK(values_of(renderer.array(UBS_ARRAY_GRADIENT)) == values_of(gradient));
     CHECK(std::ranges::any_of(values_of(gradient), [](float x) { return x != 0; }));
 
-    // The gradient of the parameters is the sum of the part that goes through the positions in the image and
-    // the rest.
+    // The gradient of the parameters depends on UBS_ARRAY_V_MEANS2D, the gradient of the positions in the
+    // image. Setting this array to 0 changes the gradient of the parameters, and restoring the array restores
+    // it.
     const ubs_array v_means = renderer.array(UBS_ARRAY_V_MEANS2D);
     REQUIRE(v_means.shape[0] == 70);
     REQUIRE(v_means.shape[1] == 2);
@@ -143,7 +145,7 @@ TEST_CASE("arrays of a renderer in device memory equal the copied values") {
     CHECK(rest != values_of(gradient));
     write(false);
     CHECK(values_of(renderer.array(UBS_ARRAY_GRADIENT)) == values_of(gradient));
-    // A splat with a gradient is in the image, so that its ellipse has an extent.
+    // A splat whose position has a gradient is in the image, so the extents of its ellipse must be positive.
     const std::vector<float> extents = values_of(renderer.array(UBS_ARRAY_EXTENTS));
     int seen = 0;
     for (std::size_t i = 0; i < 140; ++i)

@@ -69,8 +69,7 @@ TEST_CASE("the work of a view is submitted to GPUs before its lists are counted"
     }
 }
 
-TEST_CASE("with the GPU rasteriser, a view without gradients needs no slots, masks and states",
-          "[renderer]") {
+TEST_CASE("with the GPU rasteriser, a view without gradients needs no slots, masks or states", "[renderer]") {
   const bench::BenchScene scene = bench::random_start(3, 3000, 64, 64);
   for (const auto& device : devices_under_test()) {
     INFO(describe(device->info()));
@@ -99,7 +98,8 @@ TEST_CASE("with the GPU rasteriser, a view without gradients needs no slots, mas
   }
 }
 
-TEST_CASE("the capacity of uncounted lists is slightly larger than recent views needed", "[renderer]") {
+TEST_CASE("the capacity of lists that the host does not count is slightly larger than recent views needed",
+          "[renderer]") {
   const bench::BenchScene few = bench::random_start(3, 300, 64, 64),
                           many = bench::random_start(3, 3000, 64, 64);
   for (const auto& device : devices_under_test()) {
@@ -128,7 +128,7 @@ TEST_CASE("the capacity of uncounted lists is slightly larger than recent views 
 }
 
 // Tests image sizes and target addresses with different alignments.
-TEST_CASE("images equal the planes of the device, pixel by pixel", "[renderer]") {
+TEST_CASE("downloaded images contain the values of the planes on the device, pixel by pixel", "[renderer]") {
   for (const auto& device : devices_under_test())
     for (const auto& [width, height] : {std::pair{1, 1}, {3, 2}, {61, 45}, {160, 3}}) {
       bench::BenchScene scene = bench::random_start(3, 300, width, height);

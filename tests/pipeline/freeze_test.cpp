@@ -17,8 +17,8 @@ namespace {
 
 using Rows = std::map<int, std::vector<float>>;  // the key is the parameter row
 
-// Returns the gradient of the training loss, summed over two views of a batch, with respect to the parameter
-// rows that are not frozen.
+// Returns the gradient of the training loss with respect to the parameter rows that are not frozen. The batch
+// contains the same view twice. The loss includes the penalties for opacities and scales.
 Rows gradient_rows(Device& device, const oracle::Scene& scene, KernelConfig config, std::uint32_t frozen) {
   config.frozen = frozen;
   const auto stages = make_stages(device, config);

@@ -21,8 +21,8 @@ namespace {
 
 constexpr std::array<float, 3> kBackground{0.1f, 0.6f, 0.3f};
 
-// Returns flat, long and round splats with random rotations around the origin. Some of them are opaque, and
-// the coefficients of their harmonics are large.
+// Returns flat, long and round splats with random rotations around the origin. Some of them are opaque. All
+// have large coefficients of spherical harmonics.
 std::vector<oracle::FileGaussian> scene() {
   std::vector<oracle::FileGaussian> all(160);
   const CounterRandom random(5, 9);
@@ -122,7 +122,7 @@ TEST_CASE("foreign splats: images of a 3DGS file agree with those in float64", "
       INFO(device->info().name << " view " << view << ": " << worst << ", edges " << edges / 3);
       CHECK(spread > 0.5);
       CHECK(edges < truth.rgb.size() / 10);
-      CHECK(worst < 4.3e-6);  // observed on PoCL with AVX-512: 2.1e-6
+      CHECK(worst < 4.3e-6);  // the largest error observed is 2.1e-6 (PoCL with AVX-512)
     }
 }
 
@@ -154,7 +154,7 @@ TEST_CASE("foreign splats: flat splats are rendered as discs", "[foreign][exact]
   }
 }
 
-TEST_CASE("foreign splats: Gaussians look the same before and after conversion to each format",
+TEST_CASE("foreign splats: Gaussians look nearly the same after conversion to PLY and SPZ",
           "[foreign][exact]") {
   const TempFolder folder;
   put_ply(folder / "g.ply", scene());
@@ -168,8 +168,8 @@ TEST_CASE("foreign splats: Gaussians look the same before and after conversion t
       return largest_difference(before,
                                 draw(*device, load_splat_model(folder / file).model.groups.front(), 1));
     };
-    // Observed on PoCL: 3.3e-7 for PLY, due to the rounding of scales, and 0.0185 for SPZ, which stores most
-    // values with eight bits.
+    // The largest differences observed on PoCL are 3.3e-7 for PLY, due to the rounding of scales, and 0.0185
+    // for SPZ, which stores most values with eight bits.
     CHECK(after("a.ply") < 6.6e-7);
     CHECK(after("a.spz") < 0.037);
     CHECK(after("a.spz") > 1e-4);

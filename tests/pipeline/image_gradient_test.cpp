@@ -57,8 +57,8 @@ TEST_CASE("gradients of colours, alpha and depth with respect to parameters and 
        {7, {}},
        {3,
         {.rot_mode = RotMode::quaternion, .kernel = SpatialKernel::gaussian, .colour = ColourMode::sh3}}}));
-  // N = 7 includes everything that N = 6 tests, so N = 6 is skipped. On the device "CUDA on the host", which
-  // is slow, N = 3 is also skipped. UBS_TEST_ALL=1 tests all of them.
+  // By default, N = 6 is skipped, because N = 7 includes everything that N = 6 tests. On the device "CUDA on
+  // the host", which is slow, N = 3 is also skipped. With UBS_TEST_ALL=1, all of them are tested.
   if (variant == ModelVariant{} && (dim == 6 || (dim == 3 && on_host(*devices_under_test()[0]))) &&
       !test::whole_sweep())
     return;
@@ -117,10 +117,11 @@ TEST_CASE("gradients of colours, alpha and depth with respect to parameters and 
     }
 }
 
-// Tests the part that the host computes: the sum over lanes with more splats than lanes, the sum over groups
-// of splats, of which the first and the last are invisible, and the conversion of the gradient of the pose to
-// that of the matrix.
-TEST_CASE("the gradient of a camera is the sum over groups and lanes, for the pose and for the matrix",
+// Tests what the host computes. The device returns partial sums of the gradient, each over several splats,
+// and the host adds them. A model can consist of several groups of splats, and the host adds their gradients;
+// here the first and the last group are invisible. The host also converts the gradient of the pose to that of
+// the matrix.
+TEST_CASE("the camera gradient is the sum over groups of splats, and can be converted to that of the matrix",
           "[pipeline]") {
   oracle::SceneOptions options{.count = 9000, .dim = 6, .seed = 3, .width = 50, .height = 40};
   oracle::Scene scene = oracle::regular_scene(options);
@@ -143,12 +144,13 @@ TEST_CASE("the gradient of a camera is the sum over groups and lanes, for the po
     CHECK(parts.camera.turn[k] == Approx(whole.camera.turn[k]).epsilon(1e-4));
     CHECK(parts.camera.shift[k] == Approx(whole.camera.shift[k]).epsilon(1e-4));
   }
-  CHECK(gradient(MixedModel(scene.model), scene.camera).camera.turn == whole.camera.turn);  // bit for bit
+  // A repetition must give the same bits.
+  CHECK(gradient(MixedModel(scene.model), scene.camera).camera.turn == whole.camera.turn);
 
-  // The gradients for the matrix and for the pose must give the same change of the loss, <v, d(R | t)>, if a
-  // small rotation `a` changes R and a shift `d` changes t. For this, R must be a rotation to double
-  // precision, but R of the scene is one only to float32 precision. So the test uses another R, which is
-  // constructed from two Pythagorean triples.
+  // If a small rotation `a` changes R and a shift `d` changes t, the gradients for the matrix and for the
+  // pose must predict the same change of the loss. This is only exact if R is a rotation to double precision,
+  // but R of the scene is one only to float32 precision. So the test uses another R, which is constructed
+  // from two Pythagorean triples.
   Camera camera = scene.camera;
   camera.rotation = {0.6,       0.0,          0.8, -0.8 * 5 / 13, 12.0 / 13, 0.6 * 5 / 13, -0.8 * 12 / 13,
                      -5.0 / 13, 0.6 * 12 / 13};

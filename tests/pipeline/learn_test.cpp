@@ -30,7 +30,7 @@ struct Form {
 struct Step {
   bool accumulate = false;
   float opacity = 0, scale = 0;  // penalties
-  std::uint32_t stamp = 0;       // 0: finite values are not checked
+  std::uint32_t stamp = 0;       // 0: the step does not check whether values are finite
   float poison = 0;              // this value is added to the image gradient of one pixel
   std::uint32_t found = 0;       // initial value of the sentinel; not 0: an earlier step was not finite
 };
@@ -40,7 +40,8 @@ struct Result {
   std::uint32_t sentinel = 0;
 };
 
-// Returns the largest relative difference of two values, or NaN if only one of the two is NaN.
+// Returns the largest relative difference between values with the same index, or NaN if only one of two
+// values is NaN.
 double difference(const std::vector<float>& x, const std::vector<float>& y) {
   REQUIRE(x.size() == y.size());
   double worst = 0;
@@ -147,7 +148,7 @@ TEST_CASE("learning in one pass is equivalent to three separate operations", "[l
             !test::whole_sweep())
           continue;
         LearnRun run(*device, form, raster);
-        INFO(device->info().name << ", N = " << form.dim << " " << to_string(form.variant) << " without '"
+        INFO(device->info().name << ", N = " << form.dim << " " << to_string(form.variant) << ", frozen: '"
                                  << form.freeze << "'");
         const Result plain = run.run({}, false);
         CHECK(plain.params != run.model().values);

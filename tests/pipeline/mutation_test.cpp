@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tests that the comparison with the oracle detects errors. For each mutation below, a term of a formula,
-// most of them in the backward pass, is changed by about 1 % in a copy of the kernel sources. The comparison
-// must then find an error above its bound.
+// Tests that the comparison with the oracle detects errors. Each mutation below changes a term of a formula
+// in a copy of the kernel sources, nearly always by 1 %. Most of the formulas are those of the backward pass.
+// The comparison must then find an error above its bound.
 #include <catch2/catch.hpp>
 #include <filesystem>
 
@@ -64,7 +64,8 @@ Scenes make_scene() {
   return s;
 }
 
-// Returns the largest relative error of all parameter groups. The kernels are built from the current sources.
+// Returns the largest relative error of all parameter groups. The kernels are built from the sources in the
+// folder UBS_KERNEL_DIR, if this environment variable is set.
 double worst_group_error(const Scenes& s) {
   // The kernels of other back ends are compiled ahead of time, but use the same formulas.
   const std::unique_ptr<Device> device = open_device("opencl");
@@ -81,7 +82,7 @@ double worst_group_error(const Scenes& s) {
   return worst;
 }
 
-TEST_CASE("a backward formula scaled by 1.01 is detected", "[mutation]") {
+TEST_CASE("the comparison with the oracle detects small errors in formulas of the kernels", "[mutation]") {
   const Scenes s = make_scene();
   // The same bound as for the gradient of the regular scene with N = 5 in oracle_comparison_test.cpp.
   constexpr double kBound = 4.0e-5;

@@ -1,5 +1,4 @@
 // SPDX-License-Identifier: Apache-2.0
-// See oracle_comparison.hpp.
 #include "tests/pipeline/oracle_comparison.hpp"
 
 #include <fmt/format.h>

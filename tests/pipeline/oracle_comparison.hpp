@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Functions that render one view on one device with one rasteriser, and compare it with the float64 oracle:
-// the image, alpha, depth, and the gradient of the loss for each parameter group. They print the errors.
+// Declares functions that render one view on one device with one rasteriser, and compare the results with
+// those of the float64 oracle: the image, alpha, depth, and the gradient of the loss for each parameter
+// group. The functions print the errors.
 #pragma once
 
 #include <string>

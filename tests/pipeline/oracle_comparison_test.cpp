@@ -65,8 +65,8 @@ const std::map<int, Bounds> kRegular{{3, {1.0e-5, 2.8e-5}}, {4, {2.6e-5, 3.7e-4}
                                      {6, {7.8e-6, 3.3e-5}}, {7, {2.6e-5, 9.8e-5}},  {8, {2.2e-5, 2.0e-4}},
                                      {9, {8.0e-6, 2.8e-5}}, {10, {4.7e-5, 1.1e-3}}, {11, {2.2e-5, 3.8e-4}}};
 
-// Dimensions above 7 only differ by additional query values. So only N = 8 is tested here, and N = 11 in
-// variant_test.cpp. With UBS_TEST_ALL=1, all of them are tested here.
+// Models with N above 7 only differ by the number of additional query values. So of these, only N = 8 is
+// tested here by default, and N = 11 in variant_test.cpp. With UBS_TEST_ALL=1, all of them are tested here.
 TEST_CASE("regular scenes of every dimension agree with float64", "[oracle]") {
   const std::vector<int> dims = test::whole_sweep() ? std::vector<int>{3, 4, 5, 6, 7, 8, 9, 10, 11}
                                                     : std::vector<int>{3, 4, 5, 6, 7, 8};
@@ -86,7 +86,7 @@ TEST_CASE("the gradient through the view direction agrees with float64", "[oracl
     Case with_query = c;
     with_query.config.query_grad = true;
     compare_gradient(with_query, "query_grad", oracle::regular_scene(options(c.config.dim, 150, 48, 40)),
-                     3.2e-5);  // largest observed 1.6e-5
+                     3.2e-5);  // the largest error observed is 1.6e-5
   });
 }
 
@@ -95,7 +95,7 @@ TEST_CASE("expected depth agrees with float64", "[oracle]") {
     Case with_depth = c;
     with_depth.config.depth = true;
     compare_forward(with_depth, "depth", oracle::regular_scene(options(6, 200, 50, 34)),
-                    // Largest observed on CPUs: 2.0e-6; on an H200: 4.2e-6.
+                    // The largest errors observed are 2.0e-6 on CPUs, and 4.2e-6 on an H200.
                     on_host(c.device) ? 4e-6 : by_device(c, 4e-6, 8.3e-6));
   });
 }
@@ -105,7 +105,7 @@ TEST_CASE("images whose sizes are not multiples of tiles or blocks agree with fl
     for (const auto& [width, height] : {std::pair{1, 1}, {17, 3}, {3, 65}, {16, 16}, {33, 31}, {15, 49}}) {
       INFO(width << "x" << height);
       const oracle::Scene scene = oracle::regular_scene(options(6, 64, width, height));
-      // The largest observed errors are 2.8e-6 and 4.9e-6.
+      // The largest observed errors are 2.8e-6 for images, and 4.9e-6 for gradients.
       compare_forward(c, fmt::format("{}x{}", width, height), scene, 5.6e-6);
       compare_gradient(c, fmt::format("{}x{}", width, height), scene, 9.7e-6, false);
     }
@@ -155,32 +155,32 @@ TEST_CASE("extreme scenes agree with float64", "[oracle]") {
     }
     SECTION("thousands of splats in one tile") {
       const oracle::Scene scene = oracle::crowded_tile_scene(options(dim, 5000, 48, 48));
-      compare_forward(c, "crowded", scene, 1.4e-6);   // largest observed 6.9e-7
-      compare_gradient(c, "crowded", scene, 2.3e-5);  // largest observed 1.1e-5
+      compare_forward(c, "crowded", scene, 1.4e-6);   // the largest error observed is 6.9e-7
+      compare_gradient(c, "crowded", scene, 2.3e-5);  // the largest error observed is 1.1e-5
     }
     SECTION("lists of many segments that all contribute") {
       oracle::Scene scene = oracle::crowded_tile_scene(options(dim, 5000, 48, 48));
       // The splats are so transparent that blending does not stop before the end of a list.
       for (float& logit : scene.model.row(scene.model.layout().opacity)) logit -= 3;
-      compare_forward(c, "faint", scene, 1.3e-6);   // largest observed 6.9e-7
-      compare_gradient(c, "faint", scene, 4.5e-5);  // largest observed 2.3e-5
+      compare_forward(c, "faint", scene, 1.3e-6);   // the largest error observed is 6.9e-7
+      compare_gradient(c, "faint", scene, 4.5e-5);  // the largest error observed is 2.3e-5
     }
     SECTION("pixels that finish in different segments of a list") {
       oracle::Scene scene = oracle::crowded_tile_scene(options(dim, 9000, 48, 48));
       for (float& logit : scene.model.row(scene.model.layout().opacity)) logit -= 2;
       Case with_depth = c;
       with_depth.config.depth = true;
-      compare_forward(with_depth, "half faint", scene, 1.6e-6);  // largest observed 8.4e-7
-      compare_gradient(c, "half faint", scene, 2.6e-5);          // largest observed 1.3e-5
+      compare_forward(with_depth, "half faint", scene, 1.6e-6);  // the largest error observed is 8.4e-7
+      compare_gradient(c, "half faint", scene, 2.6e-5);          // the largest error observed is 1.3e-5
     }
     SECTION("equal depths are ordered by index") {
       const oracle::Scene scene = oracle::identical_depth_scene(options(dim, 120, 40, 40));
-      compare_forward(c, "equal depths", scene, 1.7e-6);   // largest observed 8.6e-7
-      compare_gradient(c, "equal depths", scene, 7.5e-6);  // largest observed 3.8e-6
+      compare_forward(c, "equal depths", scene, 1.7e-6);   // the largest error observed is 8.6e-7
+      compare_gradient(c, "equal depths", scene, 7.5e-6);  // the largest error observed is 3.8e-6
     }
     SECTION("opaque layers") {
       const oracle::Scene scene = oracle::opaque_stack_scene(options(dim, 60, 40, 40));
-      // Largest observed errors of image and gradient:
+      // The largest observed errors of image and gradient are:
       //   CPU kernels, N = 3          5.8e-6    1.5e-4
       //   CPU kernels, N = 6          3.7e-5    1.5e-3
       //   CUDA back end on the host   6.7e-5    2.7e-3

@@ -88,7 +88,7 @@ TEST_CASE("unit: the median depth of points is proportional to the size of the s
     scale_lengths(scaled_points, factor);
     CHECK(median_depth(scaled, scaled_points).value() == Approx(factor * depth).epsilon(1e-6));
   }
-  // An additional camera far away changes little.
+  // An additional camera far away changes the median only a little.
   cameras.push_back(cameras[0]);
   for (double& value : cameras.back().translation) value *= 10;
   CHECK(median_depth(cameras, points).value() == Approx(depth).epsilon(0.02));

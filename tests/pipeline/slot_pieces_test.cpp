@@ -23,7 +23,8 @@ namespace {
 
 constexpr std::uint64_t kSlotBytes = stage_sizes::slot_floats(RasterKind::cpu) * sizeof(float);
 
-// Returns the same device with smaller allocations and, optionally, less memory.
+// Opens the same device again with a smaller maximum allocation and, if memory_bytes is not 0, with less
+// memory.
 opencl::OpenclDevice limited(const Device& device, std::uint64_t allocation_bytes,
                              std::uint64_t memory_bytes = 0) {
   const auto& opened = dynamic_cast<const opencl::OpenclDevice&>(device);
@@ -64,7 +65,7 @@ Result gradient_of(Device& device, const bench::BenchScene& scene, const KernelC
   return result;
 }
 
-// The splats cover all tiles, so that the slots are by far the largest buffer.
+// Returns a scene whose splats cover all tiles, so that the slots are by far the largest buffer.
 bench::BenchScene wide_splats(std::size_t count = 960) {
   bench::BenchScene scene = bench::random_start(3, count, 64, 64);
   for (const ParameterGroup& group : parameter_groups(scene.model.layout()))

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Helpers for tests that train: built-in scenes, settings of short runs, and a function that trains.
+// Defines helpers for tests that train: built-in scenes, settings of short runs, and a function that trains.
 #pragma once
 
 #include <cstring>

@@ -63,7 +63,7 @@ TEST_CASE("two training runs with the same seed give identical bits", "[training
 // lists of intersections that earlier views needed, and is repeated if it was too small. Here, this happens
 // repeatedly, because the number of splats grows by a factor of five, and views differ. With `wait`, a step
 // waits for the size of its lists.
-TEST_CASE("training with a bound of the lists gives the same bits as waiting for their size",
+TEST_CASE("training with list_counts = bound gives the same bits as with list_counts = wait",
           "[training][determinism]") {
   const Data data = synthetic("glossy", 40, 10);
   const auto run = [&](Device& device, const TrainSettings& settings, IntersectionCount& count) {
@@ -101,7 +101,7 @@ TEST_CASE("training with a bound of the lists gives the same bits as waiting for
           CHECK(found.moment2 == expected.moment2);
           CHECK(losses == expected_losses);
           CHECK(waited.repeated == 0);
-          CHECK(bounded.repeated >= 3);  // observed on PoCL: 4
+          CHECK(bounded.repeated >= 3);  // with PoCL, four steps are repeated
           CHECK(bounded.repeated < 40);
           CHECK(bounded.most == waited.most);
           CHECK(bounded.total == waited.total);

@@ -12,9 +12,10 @@
 namespace ubs {
 namespace {
 
-// The variants that are trained, with their numbers of dimensions: one for each parameter layout, and one for
-// each combination of settings whose kernels differ in structure. pipeline/variant_test.cpp compares results
-// of all variants with float64. With UBS_TEST_ALL=1, all variants are trained.
+// The variants that are trained by default, with their numbers of dimensions: one for each parameter layout,
+// and one for each combination of settings whose kernels differ in structure. With UBS_TEST_ALL=1, all
+// variants are trained. tests/pipeline/variant_test.cpp compares renders and gradients of variants with
+// float64.
 constexpr std::pair<std::string_view, int> kSample[] = {
     {"no query betas", 6}, {"DBS", 3}, {"skew_nd whiten sh2 antialias", 7}, {"direct", 6}, {"direct 6DGS", 6},
     {"3DGS", 3},           {"7DGS", 7}};

@@ -15,7 +15,8 @@ using Catch::Contains;
 
 namespace {
 
-// Returns cameras on a ring around the origin, all at time 0.25.
+// Returns views whose cameras are on a ring around the origin. Their time is 0.25, and they have no further
+// query values.
 std::vector<View> ring(int count) {
   std::vector<View> views;
   for (int i = 0; i < count; ++i) {

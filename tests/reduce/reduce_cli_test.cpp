@@ -99,7 +99,8 @@ TEST_CASE("cli: reduce keeps a given number of splats, or as many as fit into a 
     ubs_ok(folder, fmt::format("reduce run data --out small.ply --size {} --quiet --overwrite", megabytes));
     const auto size = static_cast<double>(std::filesystem::file_size(folder / "small.ply"));
     CHECK(size <= 1e6 * megabytes);
-    CHECK(size > 1e6 * megabytes - 1000);  // a splat has 176 bytes or fewer, so another one would have fitted
+    // A splat has at most 176 bytes, so much less than 1000 bytes of the size must be unused.
+    CHECK(size > 1e6 * megabytes - 1000);
   }
   // More splats give a higher PSNR. If the model has fewer splats with an effect than --splats allows, the
   // result is that of a lossless reduction.

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Functions that copy some splats of a model, and a small scene with splats that `ubs reduce` can remove or
-// convert to fewer dimensions.
+// Defines functions that copy some splats of a model, and a small scene with splats that `ubs reduce` can
+// remove or convert to fewer dimensions.
 #pragma once
 
 #include <numeric>
@@ -24,9 +24,10 @@ inline SplatModel part(const SplatModel& model, std::size_t first, std::size_t e
   return selection(model, splats);
 }
 
-// A regular scene with 300 splats. Splats with i % 10 == 1 have an opacity of 0. Splats with i % 10 == 2 are
-// far outside all views. On splats with i % 10 == 3, no query value has an effect, except if N = 7 and i % 20
-// == 13: then only the time has no effect.
+// ReduceScene is a regular scene with 300 splats. Splats with i % 10 == 1 have an opacity of 0. Splats with
+// i % 10 == 2 are far outside all views. On splats with i % 10 == 3, no query value has an effect. If N = 7,
+// half of these splats (i % 20 == 13) are different: the direction has an effect on them, but the time has
+// none.
 struct ReduceScene {
   MixedModel model;
   std::vector<Camera> cameras;  // kTraining training views and one test view

@@ -23,7 +23,8 @@ Mat3 covariance_of(const SkewFactors& f) {
 
 }  // namespace
 
-TEST_CASE("skew rotation: covariances are reproduced, or the reported error is correct", "[reduce]") {
+TEST_CASE("skew rotation: most covariances are reproduced, and an error is reported for the others",
+          "[reduce]") {
   const CounterRandom random(3, 7);
   int inexact = 0;
   double worst = 0, worst_exact = 0;

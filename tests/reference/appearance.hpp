@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The correction of exposure and white balance (the setting `appearance`) in double precision: a colour x
-// becomes y = (diag(exp d) + M) x + b, where the diagonal of M is 0. The derivatives are computed by
+// Implements the correction of exposure and white balance (the setting `appearance`) in double precision: a
+// colour x becomes y = (diag(exp d) + M) x + b, where the diagonal of M is 0. The derivatives are computed by
 // automatic differentiation with a tape.
 #pragma once
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// A renderer of 3D Gaussian Splatting in double precision. It is implemented from the published definition of
-// the method and of the columns of its files, and uses no formulas, kernels or readers of ubs. It evaluates
-// every splat at every pixel and skips contributions with an alpha below 1/255.
+// Defines a renderer of 3D Gaussian Splatting in double precision. It is implemented from the published
+// definition of the method and of the columns of its files, and uses no formulas, kernels or readers of ubs.
+// It evaluates every splat at every pixel and skips contributions with an alpha below 1/255.
 #pragma once
 
 #include <algorithm>
@@ -20,7 +20,7 @@ struct FileGaussian {
   std::array<float, 4> rotation;  // w x y z, of any length
   float opacity;                  // logit
   std::array<float, 3> f_dc;
-  std::array<float, 45> f_rest;  // 15 of red, 15 of green, 15 of blue
+  std::array<float, 45> f_rest;  // 15 coefficients for red, then 15 for green and 15 for blue
 };
 
 struct GaussianImage {

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Tests the oracle itself: compares its gradient with central differences of its own loss, and its formulas
-// with closed forms, limits and a second evaluation. Of the code that is tested against the oracle, it only
-// uses the layout of the parameters.
+// with closed forms, limits and a second evaluation. The oracle uses only one part of the code that is tested
+// against it: the layout of the parameters.
 #include "host/lab/oracle/oracle.hpp"
 
 #include <algorithm>
@@ -129,7 +129,8 @@ TEST_CASE("the gradient of the oracle equals central differences in every parame
     options.query_grad = true;  // moving a splat also changes the view direction in the loss
     for (const auto& [name, error] : gradient_errors(scene, options)) {
       CAPTURE(dim, name);
-      CHECK(error < 5e-8);  // largest observed 2.4e-8, for l_triangle with N = 11 (g++ 12 -O2)
+      // The largest error observed is 2.4e-8, for l_triangle with N = 11 (g++ 12 -O2).
+      CHECK(error < 5e-8);
     }
   }
 }
@@ -166,7 +167,7 @@ TEST_CASE("query_grad only adds the gradient through the view direction to that 
       for (int k = 0; k < 3; ++k) {
         const double want = (g[k] - along * w[k]) / std::sqrt(square);
         CHECK(on[k * n + p] - off[k * n + p] ==
-              Approx(want).epsilon(0).margin(3e-18));  // observed 1.5e-18 with FMA, 5.4e-19 without
+              Approx(want).epsilon(0).margin(3e-18));  // the error is 1.5e-18 with FMA, 5.4e-19 without
         added += std::abs(want);
       }
     }
@@ -174,7 +175,7 @@ TEST_CASE("query_grad only adds the gradient through the view direction to that 
     const auto tail = [n](const std::vector<double>& v) {
       return std::vector<double>(v.begin() + 3 * static_cast<std::ptrdiff_t>(n), v.end());
     };
-    CHECK(relative_error(tail(on), tail(off)) < 6.6e-16);  // observed 0 (3.3e-16 with FMA)
+    CHECK(relative_error(tail(on), tail(off)) < 6.6e-16);  // the error is 3.3e-16 with FMA, 0 without
   }
 }
 
@@ -266,13 +267,15 @@ TEST_CASE("query betas of 0 give the Schur complement as the conditional covaria
     for (std::size_t p = 0; p < model.count; ++p) {
       const std::vector<double> raw = raw_of(model, p);
       const Matrix<double> v = condition<double>(raw, rows, scene.camera, Options{}).covariance;
-      CHECK(max_difference(v, v.transposed()) < 1e-16);  // observed 2.1e-17 for values of up to 0.3
+      // The largest difference observed is 2.1e-17, for values of up to 0.3.
+      CHECK(max_difference(v, v.transposed()) < 1e-16);
       // The method uses the factorised form V = M K M^T with K = (I + Lqx^T (Lq Lq^T)^-1 Lqx)^-1.
       const Matrix<double> l = covariance_factor<double>(raw, rows);
       const Matrix<double> m = l.block(0, 0, 3, 3), lqx = l.block(3, 0, c, 3), lq = l.block(3, 3, c, c);
       Matrix<double> k_inverse = lqx.transposed() * inverse(lq * lq.transposed()) * lqx;
       for (int i = 0; i < 3; ++i) k_inverse(i, i) += 1;
-      CHECK(max_difference(v, m * inverse(k_inverse) * m.transposed()) < 1.5e-16);  // observed 7.5e-17
+      // The largest difference observed is 7.5e-17.
+      CHECK(max_difference(v, m * inverse(k_inverse) * m.transposed()) < 1.5e-16);
     }
   }
 }
@@ -297,8 +300,8 @@ TEST_CASE("splats without coupling at their query mean look like splats with N =
     }
     const Options options = options_of(scene);
     const Render full = render(model, scene.camera, options), reduced = render(flat, scene.camera, options);
-    CHECK(relative_error(full.image, reduced.image) < 1e-16);    // observed 0 (4.4e-17 with FMA)
-    CHECK(relative_error(full.depth, reduced.depth) < 1.4e-15);  // observed 0 (7e-16 with FMA)
+    CHECK(relative_error(full.image, reduced.image) < 1e-16);    // the error is 4.4e-17 with FMA, 0 without
+    CHECK(relative_error(full.depth, reduced.depth) < 1.4e-15);  // the error is 7e-16 with FMA, 0 without
     CHECK(full.visible == reduced.visible);
     CHECK(full.visible > 0);
   }
@@ -314,7 +317,7 @@ TEST_CASE("the derivative for query betas of exactly 0 is the one for positive b
     return group_values(g.values, {"beta_q", rows.beta + 1, 3}, model.count);
   };
   const std::vector<double> at = beta_gradient(0), above = beta_gradient(1e-9), below = beta_gradient(-1e-9);
-  CHECK(relative_error(at, above) < 1.6e-9);  // observed 8e-10
+  CHECK(relative_error(at, above) < 1.6e-9);  // the error observed is 8e-10
   CHECK(relative_error(at, below) > 1e-3);
 }
 
@@ -330,7 +333,7 @@ TEST_CASE("the logarithm of the query factor equals its direct formula and has a
     CHECK(log_query_factor(std::sqrt(u)) == Approx(floor).epsilon(1e-15));
   CHECK(std::exp(4 * std::exp(-5.0) * floor) == Approx(0.65).epsilon(0.01));
 
-  Tape tape;  // at the floor, the slope in y is 0, and the slope in beta is ln eps
+  Tape tape;  // at the floor, the derivative for y is 0, and the derivative for beta is the floor
   const Var y = Var::input(tape, 3.0), beta = Var::input(tape, 0.5);
   tape.seed((beta * log_query_factor(y)).node(), 1.0);
   tape.reverse();
@@ -340,7 +343,7 @@ TEST_CASE("the logarithm of the query factor equals its direct formula and has a
 
 TEST_CASE("blending stops at a small transmittance, and the image is linear in the background", "[oracle]") {
   Scene scene = opaque_stack_scene({24, 6, 2, 18, 14});
-  // With this beta, splats are smooth at their rim, so that central differences are exact.
+  // With this beta, splats are smooth at their rim, so that central differences are accurate.
   for (std::size_t i = 0; i < scene.model.count; ++i) scene.model.values[7 * scene.model.count + i] = -0.2f;
   const Model model = to_model(scene.model);
   Options options = options_of(scene);
@@ -370,7 +373,8 @@ TEST_CASE("blending stops at a small transmittance, and the image is linear in t
     CHECK(bright.image[i] - image.image[i] == Approx(1 - image.alpha[i]).epsilon(0).margin(5e-16));
   for (const auto& [name, error] : gradient_errors(scene, options)) {
     CAPTURE(name);
-    CHECK(error < 2.4e-7);  // largest observed 1.2e-7, for the query means, whose gradients are small
+    // The largest error observed is 1.2e-7, for the query means, whose gradients are small.
+    CHECK(error < 2.4e-7);
   }
 }
 
@@ -392,7 +396,8 @@ TEST_CASE("the image of an isotropic splat agrees with its closed form", "[oracl
       const double r = dx * dx / bx + dy * dy / by;
       const double alpha = r < 1 ? std::pow(1 - r, 4 * std::exp(0.1)) / (1 + std::exp(-0.4)) : 0;
       const std::size_t i = static_cast<std::size_t>(y) * 40 + x;
-      CHECK(image.alpha[i] == Approx(alpha).epsilon(0).margin(3.3e-16));  // observed 1.7e-16
+      // The largest error observed is 1.7e-16.
+      CHECK(image.alpha[i] == Approx(alpha).epsilon(0).margin(3.3e-16));
       CHECK(image.image[2 * 1200 + i] == Approx(-0.2 * alpha).epsilon(0).margin(3.3e-16));
       CHECK(image.contributors[i] == (r < 1));
     }
@@ -446,7 +451,7 @@ TEST_CASE("splats are culled if they are near, far, indefinite or not finite", "
   }
 }
 
-TEST_CASE("the projected covariance uses the upper triangle of an asymmetric V", "[oracle]") {
+TEST_CASE("symmetric() mirrors the upper triangle of an asymmetric conditional covariance V", "[oracle]") {
   const Scene scene = regular_scene({40, 7, 11, 32, 24});
   const Model model = to_model(scene.model);
   const Rows rows(7);
@@ -502,7 +507,7 @@ TEST_CASE("ssim: values agree with a closed form, gradients with central differe
       (2 * mp * mq + 1e-4) * (2 * (centre * p * q - mp * mq) + 9e-4) /
       ((mp * mp + mq * mq + 1e-4) * (centre * p * p - mp * mp + centre * q * q - mq * mq + 9e-4));
   CHECK(ssim(std::vector<double>{p}, std::vector<double>{q}, 1, 1, 1) ==
-        Approx(single).epsilon(4.6e-9));  // observed 2.3e-9, because the weight has only nine digits
+        Approx(single).epsilon(4.6e-9));  // the error is 2.3e-9, because the weight has only nine digits
 
   std::vector<double> moved = a, differences;
   for (std::size_t i = 0; i < a.size(); ++i) {
@@ -512,7 +517,8 @@ TEST_CASE("ssim: values agree with a closed form, gradients with central differe
     differences.push_back((up - ssim(moved, b, 3, h, w)) / 2e-5);
     moved[i] = a[i];
   }
-  CHECK(relative_error(ssim_gradient(a, b, 3, h, w), differences) < 4.6e-9);  // observed 2.3e-9
+  // The error observed is 2.3e-9.
+  CHECK(relative_error(ssim_gradient(a, b, 3, h, w), differences) < 4.6e-9);
 }
 
 TEST_CASE("an image that equals the target has no L1 gradient", "[oracle]") {

@@ -12,8 +12,9 @@
 namespace ubs::oracle {
 namespace {
 
-// A model with one splat in front of a camera at the origin. Its raw scales are above 20, where softplus is
-// the identity, so the scales are exactly 24 and the splat has a radius of 2 pixels.
+// One is a model with one splat in front of a camera at the origin. The raw spatial scales of the splat are
+// above 20, where softplus is the identity. So the scales are exactly 24, and the splat has a radius of 2
+// pixels.
 struct One {
   explicit One(int dim) : rows(dim) {
     model.dim = dim, model.count = 1;
@@ -137,7 +138,7 @@ TEST_CASE("pixels on the rim of a splat are undecided, unless the margin is 0", 
   CHECK(one.study().undecided_pixels == 0);
 }
 
-TEST_CASE("undecided pixels carry no gradient", "[oracle][study]") {
+TEST_CASE("undecided pixels do not contribute to the gradient", "[oracle][study]") {
   One one(3);
   one.at(one.rows.beta) = -3;
   for (int i = 0; i < 3; ++i) one.at(one.rows.scale + i) *= 1 + 1e-9;  // puts four pixels just inside the rim

@@ -116,7 +116,7 @@ TEST_CASE("page image: data URIs contain the pixels", "[report]") {
                                     {"foo", "Zm9v"},
                                     {"foob", "Zm9vYg=="},
                                     {"fooba", "Zm9vYmE="},
-                                    {"foobar", "Zm9vYmFy"}})  // RFC 4648
+                                    {"foobar", "Zm9vYmFy"}})  // the examples of RFC 4648
     CHECK(encoded(plain) == code);
 
   const Image8 small = gradient_image(31, 17);
@@ -135,7 +135,8 @@ TEST_CASE("page image: data URIs contain the pixels", "[report]") {
   CHECK((decoded(photograph).cols == 300 && decoded(photograph).rows == 150));
 }
 
-TEST_CASE("page image: images of errors, depths and alpha, and the PSNR of two images", "[report]") {
+TEST_CASE("page image: images of errors, depths and alpha have the expected values, and so has the PSNR",
+          "[report]") {
   const auto flat = [](std::uint8_t v) { return Image8{2, 1, {v, v, v, v, v, v}}; };
   const auto sum = [](const Image8& image, std::size_t pixel) {
     return image.rgb[3 * pixel] + image.rgb[3 * pixel + 1] + image.rgb[3 * pixel + 2];

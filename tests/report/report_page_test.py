@@ -84,7 +84,7 @@ def one_run(page, folder, run):
     # Zooming into one image of a view enlarges all images of this view.
     page.run("document.querySelector('.pane').scrollIntoView({block: 'center'})")
     x, y = page.run("(b => [b.left + 20, b.top + 20])(document.querySelector('.pane').getBoundingClientRect())")
-    time.sleep(0.2)  # until the page has scrolled
+    time.sleep(0.2)  # waits until the page has scrolled
     page.mouse("mouseMoved", x, y)
     page.mouse("mouseMoved", x + 5, y + 5)
     page.mouse("mouseWheel", x + 5, y + 5, deltaX=0, deltaY=-400)
@@ -139,7 +139,7 @@ def damaged(page, folder, run):
 def main():
     program = browser.find()
     if not program:
-        print("SKIPPED: no Chromium")
+        print("SKIPPED: Chromium is not installed")
         return 77
     page = browser.Browser(program)
     try:

@@ -43,7 +43,7 @@ TEST_CASE("work-groups that are assigned to cores run once per launch") {
   }
 }
 
-TEST_CASE("core_shares() returns a table if the numbers of the cores modulo the shares are not distinct") {
+TEST_CASE("core_shares() returns a table if core numbers modulo the number of shares are not distinct") {
   CHECK(core_shares(std::array{0u, 1u, 2u, 3u}, 4) == "");
   CHECK(core_shares(std::array{6u, 7u, 8u, 9u}, 4) == "");
   CHECK(core_shares(std::array{1u, 4u}, 2) == "");

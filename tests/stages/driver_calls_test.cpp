@@ -39,6 +39,8 @@ struct Copy {
 };
 std::vector<std::string> calls;             // names of launched kernels, and "flush" for each call of clFlush
 std::map<std::string, std::size_t> groups;  // size of the work-groups of each launched kernel
+// `pinned` contains the blocks of pinned memory that were mapped. `writes` contains the host memory that
+// clEnqueueWriteBuffer() was called with.
 std::vector<Copy> pinned, writes;
 
 // Values that the functions below return instead of those of the driver, unless they are 0.

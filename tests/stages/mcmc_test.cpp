@@ -68,7 +68,7 @@ std::map<std::uint32_t, int> check_copies(const Model& before, const Model& afte
                                           const std::vector<std::uint32_t>& written) {
   const check::Copies copies = check::judge_copies(before, after, written);
   REQUIRE(copies.problem == "");
-  REQUIRE(copies.opacity_error < 4.8e-7);  // largest observed 2.4e-7
+  REQUIRE(copies.opacity_error < 4.8e-7);  // the largest error observed is 2.4e-7
   return copies.of_source;
 }
 
@@ -200,8 +200,8 @@ TEST_CASE("sources are sampled with probabilities proportional to their opacitie
       const double expected = kDraws * opacity_of(model.at(kOpacityRow, i)) / total;
       chi_square += (drawn[i] - expected) * (drawn[i] - expected) / expected;
     }
-    // With 49 degrees of freedom, larger values than 94 and smaller ones than 17 have a probability of 1e-4
-    // each.
+    // With 49 degrees of freedom, values above 94 and values below 17 each have a probability of about 1e-4
+    // or less.
     CHECK(chi_square < 94);
     CHECK(chi_square > 17);
   });

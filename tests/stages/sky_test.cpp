@@ -24,7 +24,8 @@ constexpr std::size_t kNumbers = kSkyNumbers;
 // steps.
 constexpr double kPixelError = 5e-7, kGradientError = 3e-7, kStepError = 4.2e-7;
 
-// Returns nine functions of the direction of a pixel: 1, and the harmonics of degrees 1 and 2.
+// Returns the values of the nine functions of the sky for the direction of a pixel: 1, and the spherical
+// harmonics of degrees 1 and 2.
 std::vector<double> functions_at(const Camera& camera, int x, int y) {
   const std::array<double, 3> seen{(x + 0.5 - camera.cx) / camera.fx, (y + 0.5 - camera.cy) / camera.fy, 1};
   const double length = std::hypot(seen[0], seen[1], seen[2]);

@@ -89,7 +89,8 @@ TEST_CASE("sums over the slots of splats agree with float64 and are reproducible
         if (!(error <= most * std::max(slots.magnitudes[i], 1e-30)))
           most = error / std::max(slots.magnitudes[i], 1e-30);
       }
-      CHECK(most < 2.4e-7);  // relative to the sum of absolute values; largest observed 1.2e-7
+      // The error is relative to the sum of absolute values. The largest error observed is 1.2e-7.
+      CHECK(most < 2.4e-7);
       CHECK(found == sums_of(device, stages, slots));
     }
   });

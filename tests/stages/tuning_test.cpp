@@ -103,7 +103,7 @@ TEST_CASE("the folder of tuning files depends on the environment") {
   CHECK(tuning_file(newer) != tuning_file(kDevice));
 }
 
-TEST_CASE("tuning files that are damaged or of another device are ignored") {
+TEST_CASE("damaged tuning files, and those for other devices, are ignored") {
   const TuningFolder folder;
   save_tuning(kDevice, tuned_constants(), RasterKind::cpu, {{"UBS_CHUNK", 32}});
   const std::string good = get(tuning_file(kDevice));
@@ -150,10 +150,11 @@ TEST_CASE("opening a device loads its tuning file, and its kernels are built wit
   }
 }
 
-// Tests the last candidate of each constant, or all of them with UBS_TEST_ALL=1. Host and kernel must use the
-// same values: otherwise pixels are lost or launches fail. In most cases, the results are bit-identical to
-// those of the defaults. With other tiles of the loss, the largest observed difference is 2.4e-6, for
-// gradients whose terms cancel. With other batches of the GPU rasteriser, differences are below 4e-7.
+// Tests the last candidate of each constant except UBS_LOSS_TILE_GPU, or all candidates of these constants
+// with UBS_TEST_ALL=1. Host and kernel must use the same values: otherwise pixels are lost or launches fail.
+// In most cases, the results are bit-identical to those of the defaults. With other tiles of the loss, the
+// largest observed difference is 2.4e-6, for gradients whose terms cancel. With other batches of the GPU
+// rasteriser, differences are below 4e-7.
 TEST_CASE("candidates of tuned constants do not change the results of a training step") {
   const bench::BenchScene scene = bench::synthetic_object(3, 1500, 70, 50, 1);
   for (const auto& device : opencl_devices_under_test()) {

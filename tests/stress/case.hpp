@@ -37,8 +37,9 @@ inline constexpr int kRowDims[] = {3, 4, 5, 6, 7};
 // powers of two.
 Case row_case(const std::string& name, int dim, std::size_t splats, const ModelVariant& variant = {});
 
-// SplatPlan holds all properties of a splat of a row_case, as activated values. The defaults describe an
-// ordinary splat in the centre of the image at depth 2, whose query is close to its mean.
+// SplatPlan holds the properties of a splat of a row_case, except its colours. Members whose names end in
+// _raw are raw parameters. The scales are values after activation. The defaults describe an ordinary splat in
+// the centre of the image at depth 2, whose query mean is close to the query.
 struct SplatPlan {
   std::array<double, 3> position{0, 0, 2};
   std::array<double, 3> scale{0.4, 0.5, 0.3};
@@ -49,8 +50,8 @@ struct SplatPlan {
   double omega = 0.3;         // largest magnitude of the entries of the spatial rotation
   double query_offset = 0.2;  // largest difference between the mean of the splat and the query
 };
-// Writes the raw parameters of splat i. Its colours and the signs of entries are random, and depend only on
-// i.
+// Writes the raw parameters of splat i. Its colours, the entries of l_triangle and the offsets of its query
+// mean are random within the limits of `plan`. The random numbers depend only on i.
 void put_splat(Case& c, std::size_t i, const SplatPlan& plan);
 
 // Returns a case of `count` ordinary splats that are spread over the image.

@@ -7,8 +7,9 @@ OpenCL allows errors of about 3 ulp in divisions and roots. CPUs round both corr
 show the results of a device with such errors. disturb() writes a copy of kernels/ in which every floating-point
 quotient, root and reciprocal is changed by up to 3 ulp; a hash of the bits of the operands determines the change. If
 `functions` is 1, it also changes the results of exp, log, sin and cos. With this copy, the device check and the stress
-tests must pass, and the errors must be larger than with the original kernels. `disturbed_test.py --write OUT
-[name=value ...]` only writes the copy to the folder OUT; names and values are parameters of disturb().
+tests must pass, and the errors of four stages must be at least twice those with the original kernels.
+`disturbed_test.py --write OUT [name=value ...]` only writes the copy to the folder OUT; names and values are parameters
+of disturb().
 """
 import json
 import os
@@ -65,18 +66,18 @@ def tokens(text):
     return out + TOKEN.findall(text[at:])
 
 
-def is_operand(t):  # whether a token is part of a name, number, call, cast or group, and not an operator or keyword
+def is_operand(t):  # returns whether a token is part of a name, number, call, cast or group (no operator or keyword)
     return t not in KEYWORDS and (t[0].isalnum() or t[0] in '_.([' or t == '->')
 
 
-def step(parts, i, by):  # index of the next token that is not white space or a comment
+def step(parts, i, by):  # returns the index of the next token in direction `by` that is no white space or comment
     i += by
     while 0 <= i < len(parts) and (parts[i][0].isspace() or parts[i][:2] in ('//', '/*', '\\\n')):
         i += by
     return i
 
 
-def operands(parts, i, by):  # index of the last of the adjacent operand tokens that begin at i
+def operands(parts, i, by):  # returns the index of the last of the adjacent operand tokens that begin at i
     while 0 <= (k := step(parts, i, by)) < len(parts) and is_operand(parts[k]):
         i = k
     return i

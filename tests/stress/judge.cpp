@@ -28,9 +28,9 @@ double norm(std::span<const double> values) {
   return std::sqrt(sum);
 }
 
-// Returns difference / size, or 0 if the difference is not larger than `least`. The floors, which are the
-// errors that rounding of the inputs causes, are computed with least = 0. Otherwise, the floor of a gradient
-// of 1e-17 could become 0, and no error of this gradient would be allowed.
+// Returns difference / size, 0 if the difference is not larger than `least`, or infinity if the difference is
+// NaN. The floors, which are the errors that rounding of the inputs causes, are computed with least = 0.
+// Otherwise, the floor of a gradient of 1e-17 could become 0, and no error of this gradient would be allowed.
 double relative(double difference, double size, double least) {
   if (!(difference > least)) return std::isnan(difference) ? std::numeric_limits<double>::infinity() : 0;
   return difference / std::max(size, kNothing);
@@ -114,7 +114,7 @@ std::string outside_colours(const Case& c, const oracle::Study& study, const Dev
     for (std::size_t i = 0; i < pixels; ++i) {
       const double value = actual.image[channel * pixels + i];
       if (value < low - slack || value > high + slack)
-        return fmt::format("pixel {} is {:.6g}, outside [{:.6g}, {:.6g}] of background and colours", i, value,
+        return fmt::format("pixel {} is {:.6g}, but background and colours are in [{:.6g}, {:.6g}]", i, value,
                            low, high);
     }
   }

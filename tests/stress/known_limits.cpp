@@ -21,15 +21,15 @@ double allowed(double rounding, const KnownLimit& limit) {
 // 130 000 cases with an earlier version of the formulas.
 const std::vector<KnownLimit>& known_limits() {
   static const std::vector<KnownLimit> kLimits{
-      // Amplification: the magnitude of the terms of the determinant of the ellipse in the image, divided by
-      // the determinant. It is large for needles, for discs that are seen from the side, and for splats far
-      // from the optical axis.
+      // The amplification is the magnitude of the terms of the determinant of the ellipse in the image,
+      // divided by the determinant. It is large for needles, for discs that are seen from the side, and for
+      // splats far from the optical axis.
       {"cancelling conic", [](const oracle::Study& s) { return s.amplification; }, 360, 2e-4},
-      // Amplification: the magnitudes of the parts of the gradient through the mean, through the ellipse and
-      // through all other values, divided by the magnitude of their sum. It is large for splats that cover
-      // the image although their centre is far outside.
+      // The gradient is a sum of three parts: through the mean, through the ellipse, and through all other
+      // values. The amplification is the sum of the magnitudes of these parts, divided by the magnitude of
+      // the gradient. It is large for splats that cover the image although their centre is far outside.
       {"cancelling gradient", [](const oracle::Study& s) { return s.gradient_cancellation; }, 58, kInfinity},
-      // Amplification: the largest colour divided by the smallest colour.
+      // The amplification is the largest magnitude of a colour divided by the smallest one.
       {"contrast of colours", [](const oracle::Study& s) { return s.colour_contrast; }, 16, 0.1},
       // If a query row contains only zeros and its scale is below 1e-30, the image is defined, but its
       // derivative is not.

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// This test shows the cause of the largest gradient error in tests/pipeline/oracle_comparison_test.cpp, which
-// occurs in the scene with 1025 splats: four pixels are at the rims of splats with beta < 1. If the weights
-// of these four pixels are 0, the error is a hundred times smaller.
+// This test shows the cause of the large gradient error in the scene with 1025 splats of
+// tests/pipeline/oracle_comparison_test.cpp: four pixels are at the rims of splats with beta < 1. If the
+// weights of these four pixels are 0, the error is about a hundred times smaller.
 #include <algorithm>
 #include <catch2/catch.hpp>
 #include <cmath>

@@ -120,7 +120,7 @@ std::vector<AdamResult> device_adam(DeviceRunner& runner, const std::vector<floa
   return result;
 }
 
-// For gradients of up to 1e19, steps must agree with double precision. They are nearly 0 for gradients that
+// For gradients of up to 1e19, steps must agree with double precision. Steps are nearly 0 for gradients that
 // are much smaller than epsilon = 1e-15. For gradients above 1.8e19, whose squares are infinite, the
 // parameters must remain finite.
 TEST_CASE_METHOD(Row, "Adam: gradients from 1e-45 to 3e38, and step numbers from 1 to 1e10", "[stage]") {
@@ -247,7 +247,9 @@ TEST_CASE_METHOD(Row, "growth: from one splat, from opaque splats, and with opac
 // ---- Noise ----
 
 // The displacement d satisfies |d| <= amount |Sigma_x| |n|, where n is a vector of three normal random
-// numbers. These are below 6.7, because they are made from 32-bit words with the method of Box and Muller.
+// numbers. These are at most 6.77, because they are made from 32-bit words with the method of Box and Muller.
+// The test uses 6.7 instead. This is sufficient, because 3 scale^2, which the test uses for |Sigma_x|, is
+// larger than |Sigma_x|.
 TEST_CASE_METHOD(Row, "noise: covariances from 1e-14 to 1e60 with ratios of up to 1e14", "[stage]") {
   for (const double scale : {1e-7, 1e-3, 1.0, 1e4, 1e18, 1e30})
     for (const double thin : {1.0, 1e-7}) {

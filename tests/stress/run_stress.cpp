@@ -20,8 +20,8 @@ int run_stress(int argc, char** argv) {
   StressOptions options;
   using Catch::clara::Opt;
   session.cli(session.cli() |
-              Opt(options.device, "DEVICE")["--device"]("device to test, as for other commands") |
-              Opt(options.raster, "KIND")["--raster"]("rasteriser and lists: auto, cpu or gpu [auto]") |
+              Opt(options.device, "DEVICE")["--device"]("device to test: index, type, back end or name") |
+              Opt(options.raster, "KIND")["--raster"]("kind of kernels: auto, cpu or gpu [auto]") |
               Opt(options.seed, "S")["--seed"]("seed of the random cases [1]") |
               Opt(options.first, "K")["--first"]("number of the first random case [0]") |
               Opt(options.cases, "N")["--cases"]("number of random cases [3000]"));

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // test_data() finds data sets and files of other tools for tests. They are not part of the project. The
-// environment variable UBS_TEST_DATA is the path of a folder; the data are in it or in its parent folder. If
-// it is not set, the folder is shared/data next to the folder of the project. If the data are missing, a test
-// prints a warning and skips the part that needs them. Tests that train on these data for more than a few
-// seconds only run with UBS_TEST_ALL (whole_sweep.hpp).
+// environment variable UBS_TEST_DATA is the path of a folder. The data are in this folder or in its parent
+// folder. If the variable is not set, the folder is shared/data next to the folder of the project. If the
+// data are missing, a test prints a warning and skips the part that needs them. Tests that train on these
+// data for more than a few seconds only run with UBS_TEST_ALL (whole_sweep.hpp).
 #pragma once
 
 #include <cstdlib>
@@ -25,8 +25,8 @@ inline std::optional<std::filesystem::path> test_data(const std::string& name) {
 
 }  // namespace ubs::test
 
-// For use in a test. Defines `variable` as the path of the data with this name. If they do not exist, prints
-// a warning and returns from the test.
+// This macro is used in a test case. It defines `variable` as the path of the data with this name. If the
+// data do not exist, it prints a warning and returns from the test case.
 #define UBS_REQUIRE_DATA(variable, name)                                                           \
   const auto variable##_found = ubs::test::test_data(name);                                        \
   if (!variable##_found) {                                                                         \

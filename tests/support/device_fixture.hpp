@@ -13,7 +13,7 @@ namespace ubs::test {
 
 // Returns the devices, which are opened once and shared by all tests of the process.
 std::vector<std::shared_ptr<Device>> devices_under_test();
-// Returns those devices that run OpenCL kernels, which have tuned constants and sub-groups.
+// Returns those of these devices that belong to the OpenCL back end.
 std::vector<std::shared_ptr<Device>> opencl_devices_under_test();
 // Return the rasterisers of a device and their names in settings: "cpu" and "gpu", or only "gpu" for CUDA
 // devices.

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // This file replaces kernels/gpu/exchange.h in tests on devices whose work-items cannot read each other's
 // values. It treats the work-group as one wave, and passes values between lanes through local memory. All
-// work-items must call these functions, as in a wave on NVIDIA devices.
+// work-items of the work-group must call these functions, as all lanes of a wave must on NVIDIA devices.
 
 __attribute__((always_inline)) static inline float emulated_xor(__local float* handed, float mine, int distance) {
   int item = (int)get_local_id(0);

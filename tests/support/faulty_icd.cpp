@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// An OpenCL driver for tests, with one platform and two devices. All queries of properties of the devices
-// fail. If the environment variable UBS_FAULTY_ICD is "platform", listing the devices also fails.
+// This file implements an OpenCL driver for tests, with one platform and two devices. All queries of
+// properties of the devices fail. If the environment variable UBS_FAULTY_ICD is "platform", listing the
+// devices also fails.
 #define CL_TARGET_OPENCL_VERSION 120
 #include <CL/cl.h>
 #include <CL/cl_icd.h>

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Functions that create and compare small images for tests of loaders. The images are so smooth that
+// Defines functions that create and compare small images for tests of loaders. The images are so smooth that
 // resampling hardly changes them, and no two regions are equal.
 #pragma once
 

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Functions that write poses_bounds.npy, the file with the cameras of data sets in the LLFF and N3V layouts.
+// Defines functions that write poses_bounds.npy, the file with the cameras of data sets in the LLFF layout,
+// which N3V also uses.
 #pragma once
 
 #include <fmt/format.h>

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Functions that convert the background and the target image of a scene of the oracle
+// settings_of() and target_of() convert the background and the target image of a scene of the oracle
 // (host/lab/oracle/scenes.hpp) to the types that the renderer uses.
 #pragma once
 

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// program_of() returns the program that has a subcommand. It can be used in targets that are compiled with
-// UBS_EXECUTABLE and UBS_LAB_EXECUTABLE, which are the paths of `ubs` and `ubs-lab`.
+// program_of() returns the path of `ubs` or of `ubs-lab`, depending on which of them has a subcommand. It can
+// be used in targets that are compiled with the macros UBS_EXECUTABLE and UBS_LAB_EXECUTABLE, which contain
+// these paths.
 #pragma once
 
 #include <algorithm>

@@ -89,8 +89,9 @@ inline int ended_by(const TempFolder& folder, const std::string& arguments, int 
   return WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status);
 }
 
-// Checks the exit code, that there is no output, and that stderr has exactly one line, which starts with the
-// name of the program and "error:" and contains `part`.
+// Runs the command and checks that it fails with the exit code `code`, that it writes nothing to stdout, and
+// that it writes exactly one line to stderr. This line must start with the name of the program and "error:",
+// and must contain `part`.
 inline void check_error(const TempFolder& folder, const std::string& arguments, int code,
                         const std::string& part) {
   const Result result = run_ubs(folder, arguments);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A library that makes one C++ allocation fail if it is loaded with LD_PRELOAD. With
-// UBS_SCARCE_MEMORY=BYTES,N, the N-th allocation of exactly BYTES bytes throws std::bad_alloc.
+// If a program loads this library with LD_PRELOAD, one of its C++ allocations fails. With
+// UBS_SCARCE_MEMORY=BYTES,N, this is the N-th allocation of exactly BYTES bytes: it throws std::bad_alloc.
 #include <atomic>
 #include <cstdio>
 #include <cstdlib>

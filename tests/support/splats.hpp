@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Functions that create random 3D Gaussians as they are read from files of other tools, and compare two sets
-// of them.
+// random_splats() creates random 3D Gaussians in the type that files of other tools are read into. compare()
+// returns the differences between two sets of such Gaussians.
 #pragma once
 
 #include <catch2/catch.hpp>
@@ -65,7 +65,9 @@ inline ImportedSplats random_splats(std::size_t count, int degree) {
   return s;
 }
 
-// The largest differences between two sets of splats. Quaternions with opposite signs are the same rotation.
+// The largest differences between two sets of splats. `rotation` is 1 minus the absolute value of the dot
+// product of the quaternions, because quaternions with opposite signs are the same rotation. `dc` and `rest`
+// are the spherical harmonics of degree 0 and of the higher degrees.
 struct Differences {
   double position = 0, log_scale = 0, rotation = 0, opacity = 0, dc = 0, rest = 0;
 };

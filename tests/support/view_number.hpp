@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // expected_gradient() computes the float64 gradient of a weighted sum of the colours, alphas and depths of a
-// rendered view. The oracle does not output the gradient of alpha, so it is derived from two backgrounds: the
-// image in front of (1, 0, 0) minus that in front of (0, 0, 0) is 1 - alpha.
+// rendered view. The oracle does not output the gradient of alpha, so it is derived from two backgrounds: in
+// the red channel, the image in front of (1, 0, 0) minus that in front of (0, 0, 0) is 1 - alpha.
 #pragma once
 
 #include <array>

@@ -166,9 +166,9 @@ class DataSpecs(Case):
 
     def test_printed_averages_are_those_of_the_printed_scenes(self):
         # This detects typing errors in the averages and in the values of the scenes. The printed numbers have two or
-        # three digits, so a printed average may differ from the computed one by about one unit of the last digit. The
-        # largest difference is 0.0117 dB (7DGS-PBR). Printed times, FPS, counts and sizes are not averaged
-        # consistently.
+        # three decimals, so a printed average may differ from the computed one by about one unit of the last decimal.
+        # The largest difference is 0.0117 dB (7DGS-PBR). Printed times, FPS, counts and sizes are not compared, because
+        # the paper does not average them consistently.
         averages = 0
         for name in ("main_table", "capacity", "n3v"):
             spec = experiment.load_experiment(ROOT / "data_specs" / "experiments" / f"{name}.yaml")
@@ -316,9 +316,9 @@ class Plan(Case):
         self.assertEqual(list(runs), [f"{row}/{place}" for row in "ab" for place in
                                       ("toys/cube", "toys/sphere", "cars/cube")])
         self.assertEqual(runs["a/toys/cube"].data, self.folder / "root/toys/cube")
-        # This folder has another name of the scene and is directly below the root.
+        # The name of this folder is in the list `folders` of the scene, and the folder is directly below the root.
         self.assertEqual(runs["a/toys/sphere"].data, self.folder / "root/kugel")
-        self.assertIsNone(runs["a/cars/cube"].data)  # root/cube may belong to either set
+        self.assertIsNone(runs["a/cars/cube"].data)  # root/cube may belong to either data set
         self.assertIn("root/cars/cube", runs["a/cars/cube"].reason)
         self.assertEqual([run.settings["batch"] for run in runs.values()], [3, 3, 2, 4, 4, 4])
         self.assertEqual({run.settings["seed"] for run in runs.values()}, {7})
@@ -368,7 +368,7 @@ class Run(Case):
         return self.folder / "out/e/runs" / f"a.toys.{name}"
 
     def table(self, *arguments, code=0):
-        """Runs the script and returns the lines of table.json by scene."""
+        """Runs the script and returns a dictionary from the names of the scenes to the lines of table.json."""
         self.run_script(*arguments, code=code)
         return {line["scene"]: line for line in json.loads((self.folder / "out/e/table.json").read_text())["lines"]}
 
@@ -404,7 +404,8 @@ class Run(Case):
             before = self.starts()
             self.assertEqual(self.table("--resume")["cube"]["metrics"]["psnr"]["ours"], 31)
             self.assertEqual(self.starts(), before + 1)
-        put(self.results("cube") / "checkpoint.ubs", "state")  # everything exists except the renders
+        # A checkpoint next to a complete metrics.json is the state before `ubs train` has written the renders.
+        put(self.results("cube") / "checkpoint.ubs", "state")
         self.table("--resume")
         self.assertIn("--resume ", self.lines("starts")[-1])
         # Files of a failed training with other settings are not used as results.
@@ -429,7 +430,7 @@ class Run(Case):
         self.table()
         self.assertNotIn("lpips", self.lines("evals")[0])
         text = (self.folder / "out/e/table.md").read_text()
-        self.assertNotIn("LPIPS", text)  # neither measured here nor in the paper of this table
+        self.assertNotIn("LPIPS", text)  # LPIPS is neither measured here nor among the published values
         put(self.folder / "w.safetensors", "")
         put(self.folder / "root/toys/sphere/broken", "")
         runs = self.table("--resume", "--lpips-weights", "w.safetensors")
@@ -461,7 +462,8 @@ class Run(Case):
         self.assertIn("a.toys.cube", runs["cube"]["reason"])
 
     def test_an_interruption_ends_the_running_training_in_order_and_can_be_resumed(self):
-        # The next run resumes. If `ubs` rejects the checkpoint, or another error occurs, the checkpoint remains.
+        # The next run resumes the training from its checkpoint. If the resumed training fails, as with the behaviour
+        # `full`, the checkpoint remains.
         for number, following, code in ((signal.SIGINT, "train", 0), (signal.SIGTERM, "full", 3)):
             with self.subTest(following=following):
                 shutil.rmtree(self.folder / "out", ignore_errors=True)
@@ -492,7 +494,8 @@ class Run(Case):
         text, csv = [(self.folder / f"out/e/table.{suffix}").read_text() for suffix in ("md", "csv")]
         means = table["mean"]["metrics"]
         self.assertEqual(means["psnr"], {"ours": 25.625, "published": 25.25, "difference": 0.375})
-        self.assertEqual(means["minutes"], {"ours": 2, "published": 1, "difference": 1})  # for cube, which has both
+        # Only the scene cube has both a measured and a published time, so the mean is that of cube.
+        self.assertEqual(means["minutes"], {"ours": 2, "published": 1, "difference": 1})
         self.assertEqual(means["ssim"], {"ours": 0.5, "published": None, "difference": None})
         self.assertEqual(table["average"]["metrics"]["psnr"], {"ours": None, "published": 25.25, "difference": None})
         self.assertEqual(table["sphere"]["settings"]["cap_max"], 2000)

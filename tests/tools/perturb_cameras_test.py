@@ -16,7 +16,9 @@ import numpy as np
 SCRIPT = pathlib.Path(__file__).resolve().parents[2] / "tools" / "perturb_cameras.py"
 UBS = sys.argv.pop(1)
 CENTRES = ((1, 0, 0), (-1, 0, 0), (0, 2, 0))
-EXTENT = 1.1 * 4 / 3  # the third camera is the farthest from the mean position (0, 2/3, 0)
+# The extent is 1.1 times the largest distance of a camera from the mean position, which is (0, 2/3, 0). The third
+# camera is the farthest.
+EXTENT = 1.1 * 4 / 3
 
 
 def info(folder):
@@ -55,7 +57,8 @@ def colmap(folder):
     model = folder / "sparse/0"
     model.mkdir(parents=True)
     (model / "cameras.bin").write_bytes(struct.pack("<QIiQQ4d", 1, 1, 1, 8, 8, 9, 9, 4, 4))
-    # Each image sees two points, and each point is seen by a different number of images.
+    # Each image has two keypoints, and only the second one belongs to a point. The lists of observations of the two
+    # points have different lengths (0 and 1), so that reading them requires the length.
     (model / "images.bin").write_bytes(struct.pack("<Q", 3) + b"".join(
         struct.pack("<I7dI", i, 1, 0, 0, 0, -x, -y, -z, 1) + f"view{i}.png\0".encode()
         + struct.pack("<QddqddQ", 2, 1, 1, -1, 2, 2, 1) for i, (x, y, z) in enumerate(CENTRES)))

@@ -32,7 +32,8 @@ void bracket(Split& split) {
            -1 + 2 * static_cast<double>(7 * i % count) / static_cast<double>(count - 1));
 }
 
-TEST_CASE("appearance: exposures that differ by up to one stop hardly reduce the quality", "[appearance]") {
+TEST_CASE("appearance: if it is learnt, exposures changed by -1 to 1 stops hardly reduce the quality",
+          "[appearance]") {
   const test::Data plain = test::synthetic("glossy", 48, 24);
   test::Data uneven = plain;
   bracket(uneven.train);
@@ -79,7 +80,7 @@ TEST_CASE("appearance: the views of a wide image share one set of parameters", "
   }
 }
 
-TEST_CASE("appearance: the fit finds the colour map of an image, and leaves undetermined parameters at 0",
+TEST_CASE("appearance: the fit finds the colour map of an image, and sets all other parameters to 0",
           "[appearance]") {
   RenderedView view{64, 8, {}, {}, {}};
   PhotographPixels photograph{std::vector<std::uint8_t>(3 * 512), std::vector<std::uint8_t>(512, 1)};

@@ -73,9 +73,10 @@ TEST_CASE("checkpoint: a run resumed at any point is bit-identical to an uninter
       const Rows expected = run_to(whole, 60);
       const TrainState end = whole.state();
       REQUIRE(end.model.count == 700);
-      // The run is interrupted before the first iteration, before and after refinements (at every second
-      // iteration), at and between iterations that are logged (7, 14, ...), and in the middle of an epoch of
-      // 7 views.
+      // With one view per batch, the run is interrupted before the first iteration, before and after
+      // refinements (at every second iteration), at and between iterations that are logged (7, 14, ...), and
+      // in the middle of an epoch of 7 views. With three views per batch, it is only interrupted after
+      // iteration 9.
       for (const int cut : batch == 1 ? std::vector<int>{0, 1, 3, 4, 5, 7, 20, 59} : std::vector<int>{9}) {
         INFO(device->info().name << ", batch " << batch << ", cut at " << cut);
         Trainer first(*device, settings, data.train, kNone, start(settings));
@@ -204,7 +205,8 @@ TEST_CASE("checkpoint: truncated files, damaged files and other versions are rej
   CHECK_THAT(refused(empty_header), Catch::Contains("header"));
 }
 
-TEST_CASE("checkpoint: different settings and data are detected", "[checkpoint]") {
+TEST_CASE("checkpoint: different settings and data, and invalid values of checkpoint_every, are detected",
+          "[checkpoint]") {
   const TrainSettings stored;
   TrainSettings wanted = stored;
   wanted.save_renders = 3;
@@ -237,7 +239,7 @@ TEST_CASE("checkpoint: different settings and data are detected", "[checkpoint]"
   }
 }
 
-// An image source whose calls of load() with the numbers in `failures` fail.
+// An image source whose calls of load() are counted from 1. The calls whose numbers are in `failures` fail.
 class MoodySource final : public ImageSource {
  public:
   MoodySource(Image8 image, std::vector<int> failures)

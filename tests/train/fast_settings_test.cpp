@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tests the settings that ubs chooses for short runs: their values for a number of iterations, how they
-// depend on the images, and that data_specs/fast.yaml contains them.
+// Tests the settings that ubs chooses for short runs: how their values depend on the number of iterations and
+// on the images, and whether data_specs/fast.yaml contains them. Also tests the default background of opaque
+// images, and the setting lr_cooldown.
 #include "host/train/fast_settings.hpp"
 
 #include <catch2/catch.hpp>
@@ -65,8 +66,8 @@ TEST_CASE("fast settings: values scale with the iterations, and splats are added
   opaque.random_background = RandomBackground::on;
   CHECK(fast_settings_for(opaque, 2000, 9000).opacity_reg == 0);
   CHECK(fast_settings_for(opaque, 2000, 9000, {.few_photographs = true}).opacity_reg == 0.02);
-  // The later levels of the image pyramid end later if images are large, or if each image is used only a few
-  // times, so that fewer iterations use the full size.
+  // If images are large, the second level of the image pyramid ends later. If each image is used only a few
+  // times, both levels end later. Then fewer iterations use images of full size.
   const auto pyramid = [](int iterations, std::size_t views, double pixels) {
     return fast_settings_for(fast_settings(), iterations, 9000, {.views = views, .pixels = pixels}).pyramid;
   };
@@ -120,7 +121,7 @@ TEST_CASE("fast settings: with direct conditioning, learning rates of dynamic sc
   CHECK(share(4, 0.15) == 0.6);
   CHECK(share(7, 0.3) == 0.3);
   CHECK(share(7, 0.15, Conditioning::covariance) == 0.15);
-  CHECK(fast_run_splats(2000, 0) == 24000);
+  CHECK(fast_run_splats(2000, 0) == 24000);  // 12 splats per iteration, for all kinds of conditioning
 }
 
 TEST_CASE("fast settings: single objects and small numbers of photographs are recognised", "[schedule]") {

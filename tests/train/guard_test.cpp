@@ -28,7 +28,9 @@ constexpr int kIterations = 60;
 TrainSettings guarded(OnNan on_nan) {
   TrainSettings settings = short_run(6, kIterations, 300);
   settings.cap_max = 330;
-  settings.refine.step = 1000;  // of 30 000 iterations; in this run of 60, every second iteration
+  // The interval refers to a run of 30 000 iterations. In this run of 60 iterations, every second iteration
+  // refines.
+  settings.refine.step = 1000;
   settings.on_nan = on_nan;
   return settings;
 }
@@ -182,7 +184,7 @@ TEST_CASE("guard: find_nonfinite_source() returns the first stage whose output i
       const auto found = [&](Stages& through) {
         return find_nonfinite_source(*device, through, views, render_settings(settings), state);
       };
-      CHECK(found(*stages).stage == "adam");
+      CHECK(found(*stages).stage == "adam");  // is returned if the outputs of all other stages are finite
       for (const auto& [operation, name] : {std::pair{operation_index<ProjectForward>(), "project_forward"},
                                             {operation_index<RasterForward>(), "raster_forward"},
                                             {operation_index<ImageLoss>(), "image_loss"},
@@ -222,7 +224,7 @@ TEST_CASE("guard: with on_nan = drop, the splat is removed and the final model i
       if (iteration == 20)
         for (std::uint32_t i = 0; i < 11; ++i) poison(*device, worse, 0, i, kNan);
     });
-    CHECK(stopped.message.find("11 splats would have been dropped in this run, but at most 10 may be") !=
+    CHECK(stopped.message.find("11 splats would have been dropped in this run, but at most 10 are allowed") !=
           std::string::npos);
   }
 }
@@ -309,7 +311,7 @@ TEST_CASE("guard: a moment that is not finite is detected with batches of severa
       state.moment2[17 * state.model.count + 200] = kInf;
       trainer.restore(state);
     });
-    // It is unknown which of the three views caused the overflow, so the message does not name a view.
+    // The moments depend on all three views of the batch, so the message does not name a view.
     CHECK(test::contains(result.message, "not finite at iteration 11, stage adam, splat 200"));
   }
 }

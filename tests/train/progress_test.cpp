@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tests the progress lines of commands with a simulated clock: if stderr is not a terminal, one line is
-// printed every ten seconds, however long an iteration takes. Also tests the remaining time in these lines.
+// Tests the progress lines of commands with a simulated clock: if stderr is not a terminal, an update prints
+// a line if at least ten seconds have passed since the last line. Also tests the remaining time in these
+// lines.
 #include "tools/common/progress.hpp"
 
 #include <catch2/catch.hpp>
@@ -18,7 +19,7 @@ StepReport report_at(int iteration, double seconds) {
 
 }  // namespace
 
-TEST_CASE("progress: without a terminal, a line is printed every ten seconds", "[time]") {
+TEST_CASE("progress: without a terminal, a line is printed at most every ten seconds", "[time]") {
   for (const double each : {0.011, 0.5, 1.0, 25.0, 600.0}) {
     test::SimulatedTime time;
     const std::string text = test::on_stderr([&] {
@@ -28,7 +29,7 @@ TEST_CASE("progress: without a terminal, a line is printed every ten seconds", "
         progress.update(report_at(i, i * each));
       }
     });
-    INFO(each << " s a step\n" << text);
+    INFO(each << " s per step\n" << text);
     const auto lines = std::count(text.begin(), text.end(), '\n');
     // update() is called every 10 iterations. It prints a line if at least 10 s have passed since the last
     // line.

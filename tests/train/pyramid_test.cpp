@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tests training that starts with reduced images (the setting `pyramid`): the levels and when they change,
-// the reduced images, compared with an independent computation, and runs that are resumed before and after a
-// change of the level.
+// Tests training that starts with reduced images (the setting `pyramid`). The tests cover the levels and the
+// iterations at which they change, the reduced images, which are compared with an independent computation,
+// and runs that are resumed before and after a change of the level.
 #include "host/train/pyramid.hpp"
 
 #include <catch2/catch.hpp>
@@ -62,7 +62,8 @@ TEST_CASE("pyramid: levels depend on the setting and on the size of the images",
         Levels{{4, 0.2}, {2, 0.5}, {1, 1}});
   CHECK(pyramid_levels(with("4:0.2,2:0.5", 1000), views_of(200, 200)) == Levels{{2, 0.5}, {1, 1}});
   CHECK(pyramid_levels(with("4:0.2,2:0.5", 1000), views_of(4000, 100)) == Levels{{1, 1}});
-  CHECK(factor_at(three, WorkShare(with("", 1)), 1) == 2);  // this level ends at iteration 0.5, rounded to 1
+  // In a run of one iteration, the level with the factor 2 ends at iteration 0.5, which is rounded to 1.
+  CHECK(factor_at(three, WorkShare(with("", 1)), 1) == 2);
   for (const char* wrong : {"2", "2:", "2:0.5,", "2:0.5,4:0.7", "4:0.5,2:0.2", "2:0", "2:1", "1:0.5",
                             "65:0.5", "2.5:0.5", "2:nan", ":0.5", "2:0.5;1:0.7", "2:0.5x"})
     CHECK(message_of([&] { validate(with(wrong, 100)); }, ErrorKind::usage).find("pyramid") !=

@@ -85,7 +85,8 @@ TEST_CASE("sky: the learnt background equals the background of the images", "[sk
       REQUIRE(found.harmonics.size() == (sky ? kSkyHarmonics : 0));
       double worst = 0;
       for (const View& view : data.train.views) {
-        // Compares the colour in a corner of the image, where only the background is visible.
+        // Compares the learnt background with the true one, in the direction of a corner of the image. There,
+        // no splats hide the background during training.
         const std::vector<double> functions = functions_at(view.camera, 1, 1);
         for (std::size_t c = 0; c < 3; ++c) {
           double colour = found.colour[c];

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tests TestSample, which measures the PSNR of a few test views during training, with a simulated clock: when
-// it measures, that this takes little time, and that the model does not depend on it.
+// Tests TestSample, which measures the PSNR of a few test views during training. With a simulated clock, the
+// tests check at which times it measures, that measuring takes little time, and that the model does not
+// depend on the measurements.
 #include "host/train/test_sample.hpp"
 
 #include <catch2/catch.hpp>
@@ -48,8 +49,8 @@ TEST_CASE("test sample: test views are measured up to four times, in at most 2 %
   CHECK(cheap.shares == all);
   CHECK(cheap.views == std::vector<std::uint32_t>{0, 25, 50, 75, 100, 125, 150, 175});
   CHECK(simulate_sample(3, 60, 0.001).views == std::vector<std::uint32_t>{0, 1, 2});
-  // At 20 % of the run, 12 s have passed, of which 2 % are 0.24 s. A sample may take half of this, which is
-  // enough for two views.
+  // At 20 % of the run, 12 s have passed, of which 2 % are 0.24 s. The first measurement may take half of
+  // this, which is enough for two views.
   const Measurements dear = simulate_sample(200, 60, 0.05);
   CHECK(dear.shares == all);
   CHECK(dear.views == std::vector<std::uint32_t>{0, 100});
@@ -111,7 +112,8 @@ TEST_CASE("test sample: the model does not depend on the sample", "[time]") {
   const Sampled without = sampled_run(*device, settings, data, false, 0);
   CHECK(without.samples.empty());
   // If the clock does not advance, measurements cost no time, so all views are measured. This happens at the
-  // first iterations that are logged after 20, 40, 60 and 80 % of the run.
+  // first iterations that are logged at 20, 40, 60 and 80 % of the run or later. At the last iteration, the
+  // sample is computed from the evaluation of all test views.
   const Sampled often = sampled_run(*device, settings, data, true, 0);
   CHECK(often.iterations == std::vector<int>{12, 24, 36, 48, 60});
   CHECK(often.samples.back().views == 4);

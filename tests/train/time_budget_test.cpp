@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tests time budgets (--budget): the number of iterations that is chosen from measured step times, that runs
-// end in time on simulated machines that are faster, slower or loaded, and that the settings of a finished
-// run give the same model without a clock.
+// Tests time budgets (--budget). The number of iterations is chosen from measured step times. Runs must end
+// in time on simulated machines that are faster, slower or loaded. The settings of a finished run must give
+// the same model without a clock.
 #include "host/train/time_budget.hpp"
 
 #include <catch2/catch.hpp>
@@ -44,7 +44,7 @@ struct Machine {
 std::vector<Machine> machines() {
   const auto constant = [](double factor) { return [factor](double) { return factor; }; };
   return {{"as measured", constant(1)},
-          {"a third slower", constant(1.3)},
+          {"30 % slower", constant(1.3)},
           {"ten times slower", constant(10)},
           {"ten times faster", constant(0.1)},
           {"a load in the middle", [](double s) { return s > 15 && s < 30 ? 3.0 : 1.0; }},
@@ -135,7 +135,8 @@ TEST_CASE("time budget: the time of a schedule is the sum of its steps and sweep
   CHECK(time.steps_left(0) == Approx(1e-3 * (0.25 * 0.6 + 0.25 * 1.5 + 0.5 * 3)));
   CHECK(time.steps_left(0.75) == Approx(1e-3 * 0.25 * 3));
   CHECK(time.steps_left(1) == 0);
-  // Cameras are refined 20 times. Half of the refinements use full images, on which one takes 1 s.
+  // Cameras are refined 20 times. Half of these refinements use images of full size, and each of them takes
+  // 1 s.
   CHECK(time.sweeps_left(0) == Approx(10));
   CHECK(time.sweeps_left(0.95) == 0);
   CHECK_THROWS_AS(
@@ -201,7 +202,9 @@ TEST_CASE("time budget: on fast, slow and loaded machines, runs miss the budget 
     }
 }
 
-TEST_CASE("time budget: a run that is ended early gets 10 % of its time, 5 to 60 s, to complete the schedule",
+// The time to complete the schedule is 10 % of the training time so far, but at least 5 s and at most 60 s,
+// and not more than the remaining time.
+TEST_CASE("time budget: a run that is ended early gets about 10 % of its time to complete the schedule",
           "[budget]") {
   CHECK(cooldown_seconds(200, 300) == Approx(20));
   CHECK(cooldown_seconds(10, 300) == 5);
@@ -229,7 +232,8 @@ TEST_CASE("time budget: a run that has lost time ends soon, with its complete sc
   CHECK(share_points(run.settings).back().share == 1);
 }
 
-TEST_CASE("time budget: if the maximum of iterations fits, settings do not depend on the clock", "[budget]") {
+TEST_CASE("time budget: if the maximum number of iterations fits, settings do not depend on the clock",
+          "[budget]") {
   std::vector<std::string> shares;
   for (const Machine& machine : machines()) {
     TimeBudget budget = budget_of(1e5);
@@ -262,7 +266,7 @@ TrainSettings budgeted_settings() {
   return settings;
 }
 
-// Checks that the settings of a finished run give the same bits without a clock.
+// Checks that the settings of a finished run give a bit-identical model without a clock.
 void check_repeats(Device& device, const test::Data& data, const TrainSettings& ended,
                    const std::vector<float>& values) {
   Trainer again(device, ended, data.train, test::kNone, test::start(budgeted_settings()));
@@ -395,14 +399,15 @@ TEST_CASE("time budget: a run without a budget can be completed early, continued
     CHECK(early.settings.work_shares.starts_with("250:1@75,76:0.85,"));
     CHECK(early.state.seconds == Approx(7.5 + 8).margin(0.8));
     check_repeats(*device, data, early.settings, early.state.model.values);
-    REQUIRE(kept.size() == 1);  // the state before the end of the schedule
+    REQUIRE(kept.size() == 1);  // the state that was saved before the run began to complete its schedule
     CHECK(kept[0].settings.work_shares.empty());
     const TrainState& before = kept[0].state;
     const Ended resumed = train(settings, &before, nothing);
     CHECK(resumed.settings.work_shares.empty());
     CHECK(test::same_bits(resumed.state.model.values, whole.state.model.values));
 
-    // The rest of the schedule takes another time.
+    // Resumes the run from this state with a budget for the rest of the schedule, first a short and then a
+    // long one.
     for (const double more : {10.0, 100.0}) {
       TrainSettings changed = settings;
       changed.work_shares = shares_until(settings, before.iteration);
@@ -413,7 +418,7 @@ TEST_CASE("time budget: a run without a budget can be completed early, continued
       CHECK(WorkShare(other.settings).steps() == 250);
       check_repeats(*device, data, other.settings, other.state.model.values);
     }
-    // The finished run continues.
+    // Continues the finished run for 20 s.
     const Ended longer = train(settings, &whole.state, [&](Trainer& trainer) {
       trainer.keep_to({.seconds = whole.state.seconds + 20});
       trainer.go_on_for(20);
@@ -516,7 +521,8 @@ TEST_CASE("time budget: a finished run can be continued for a given time, and re
 TEST_CASE("time budget: if no time is left, work_shares is still valid", "[budget]") {
   TrainSettings settings = fast_settings();
   settings.iterations = 136;
-  settings.work_shares = "36:0.999999";  // nearly all work is done, as after a budget that was much too long
+  // Nearly all work is done after 36 iterations. At this time, 20 s have passed, which is twice the budget.
+  settings.work_shares = "36:0.999999";
   TimeBudget budget = budget_of(10);
   budget.most_iterations = 16000;
   BudgetPace pace(budget, settings, views_of(800), 9000);
@@ -566,7 +572,7 @@ TEST_CASE("time budget: measure_steps() measures every level and does not change
       const std::vector<float> before = initial.values;
       const std::vector<StepCost> costs = measure_steps(*device, settings, data.train, initial, 1600);
       CHECK(initial.values == before);
-      REQUIRE(costs.size() == 2);  // there is no level with a quarter of 144 pixels, which is too small
+      REQUIRE(costs.size() == 2);  // a quarter of 144 pixels is too small for a level of its own
       CHECK(costs[0].factor == 2);
       CHECK(costs[1].factor == 1);
       for (const StepCost& cost : costs) {

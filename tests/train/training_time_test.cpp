@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tests evaluations and checkpoints whose intervals are set in seconds, with a simulated clock: when they
-// take place on fast, slow and loaded machines and after a pause, and that the model does not depend on them.
+// Tests evaluations and checkpoints whose intervals are set in seconds. With a simulated clock, the tests
+// check when they take place on fast, slow and loaded machines and after a pause, and that the model does
+// not depend on the evaluations.
 #include <catch2/catch.hpp>
 #include <cmath>
 #include <functional>

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tests WorkShare, the share of the schedule that is completed after an iteration. It is proportional to the
-// number of iterations, or interpolates the points of the setting work_shares. Everything in the schedule
-// depends on it.
+// Tests WorkShare, which computes the share of the schedule that is completed after an iteration. This share
+// is proportional to the number of iterations, or is interpolated between the points of the setting
+// work_shares. Refinements, learning rates and all other parts of the schedule depend on it.
 #include "host/train/work_share.hpp"
 
 #include <algorithm>
@@ -55,7 +55,8 @@ std::vector<PyramidLevel> levels_of(const TrainSettings& settings) {
 }  // namespace
 
 TEST_CASE("work share: a continued run repeats the last part of its schedule", "[schedule]") {
-  // The run had a time budget, or its number of iterations was chosen when it started.
+  // In the first case, the run had a time budget. In the second case, its number of iterations was chosen
+  // when it started.
   for (const auto& [asked, ended] : {std::pair{"60:0.5,100:1", "60:0.5,100:1"}, {"", "100:1"}}) {
     INFO(ended);
     const TrainSettings longer = settings_of(200, ended + std::string(",101:0.85,150:0.9"));
@@ -135,7 +136,8 @@ TEST_CASE("work share: later points do not change earlier iterations", "[schedul
     const std::vector<PyramidLevel> levels = levels_of(settings);
     INFO(settings.work_shares);
     for (std::size_t known = 1; known < course.size(); ++known) {
-      // The schedule when only these points were known, and the run was expected to end at another iteration.
+      // `part` is the schedule at the time when only the first `known` points were known, and the run was
+      // expected to end at another iteration.
       const int until = course[known - 1].iteration;
       const TrainSettings then = settings_of(
           until + 1 + run % 90, to_string({course.begin(), course.begin() + static_cast<long>(known)}));
@@ -224,6 +226,7 @@ TEST_CASE("work share: a run with points has all refinements, camera refinements
   CHECK(refinements == 24);  // every 1000 of the 30 000 published iterations, after 500 and before 25 000
   CHECK(sweeps == 20);
   CHECK(splats == schedule.splats_at(1));
+  // With growth_end = 0.5, no splats are added after half of the work.
   TrainSettings stopped = settings;
   stopped.growth_end = 0.5;
   const Schedule half(stopped, 1000);

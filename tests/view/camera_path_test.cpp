@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tests poses, camera paths, and SceneFrame, the estimated centre, up direction and size of a scene, from
-// which camera paths are computed.
+// Tests poses, camera paths, and SceneFrame. A SceneFrame contains the estimated centre, up direction and
+// size of a scene, and camera paths are computed from it.
 #include "host/api/camera_path.hpp"
 
 #include <catch2/catch.hpp>
@@ -160,7 +160,7 @@ TEST_CASE("keyframes: the path passes exactly through keyframes, without jumps o
     const double h = 1e-4;
     const auto velocity = [&](double u) { return 1 / h * (path->at(u + h).position - path->at(u).position); };
     for (double u = h; u < 1 - 3 * h; u += h) {
-      CHECK(distance(path->at(u).position, path->at(u + h).position) < 98 * h);  // observed 49
+      CHECK(distance(path->at(u).position, path->at(u + h).position) < 98 * h);  // observed: at most 49 h
       // The observed acceleration is at most 713. At a kink, the velocity would change by about 10 at once.
       CHECK(distance(velocity(u), velocity(u + h)) < 1400 * h);
     }
@@ -181,7 +181,7 @@ TEST_CASE("weighted_quantile() uses the weights, and ignores NaN and values with
   CHECK(weighted_quantile({}, 0.5) == 0);
 }
 
-TEST_CASE("scene frame: for cameras around a point, the frame has their centre, distance and up direction") {
+TEST_CASE("scene frame: for cameras on an orbit, the frame has the centre and the shape of this orbit") {
   std::vector<Camera> cameras;
   const Vec3 centre{0.5, 2, -1}, up = normalised({0, -1, 0.2});
   SceneFrame around;
@@ -274,7 +274,7 @@ TEST_CASE("scene frame: the up direction is correct for unevenly distributed cam
     cameras.push_back(camera_at(look_at(at, {0, 0, 0}, up), {}));
   }
   const SceneFrame frame = scene_frame(MixedModel(SplatModel(3, 0)), cameras);
-  CHECK(distance(frame.up, up) < 1e-6);  // computed with four steps of the power method
+  CHECK(distance(frame.up, up) < 1e-6);  // four steps of the inverse power method are not exact
   // If all cameras are at one position, only the mean can be used.
   const std::vector<Camera> same(3, cameras[0]);
   const Vec3 leaning = scene_frame(MixedModel(SplatModel(3, 0)), same).up;
@@ -358,7 +358,8 @@ TEST_CASE("scene frame: floaters at more than ten times the size of the scene ha
 }
 
 TEST_CASE("scene frame: without cameras, a slender model is completely inside the image") {
-  // A figure with a size of 0.4 x 0.3 x 4, whose splats are mostly in its upper half, and a flat one.
+  // The first model is a figure with a size of 0.4 x 0.3 x 4, whose splats are mostly in its upper half. The
+  // second model is flat.
   for (const std::array<double, 3>& extent : {std::array<double, 3>{0.4, 0.3, 4}, {5, 4, 0.2}}) {
     SplatModel model(3, 4000);
     Random random(6);

@@ -73,7 +73,8 @@ TEST_CASE("initial space: cameras that look forwards or outwards give a range of
     converging.push_back(camera(3.0 * at, {0, 5, 0}));  // distance / spread is that of the scene fern
     parallel.push_back(camera(at, at + Vec3{0, 1, 0}));
   }
-  // The angle is too small for cameras around an object, but sufficient to determine its distance.
+  // The angle between the view directions is too small for cameras around an object, but sufficient to
+  // determine the distance of the object.
   const InitialSpace near_by = initial_space(converging, true);
   CHECK(usable(near_by));
   CHECK(near_by.near < 5);
@@ -81,7 +82,8 @@ TEST_CASE("initial space: cameras that look forwards or outwards give a range of
   const InitialSpace unknown = initial_space(parallel, true);
   CHECK(usable(unknown));
   CHECK_THAT(unknown.text, Catch::Contains("the same direction"));
-  CHECK(unknown.near > 0.25);  // at a distance of 2.5 times the spread, views of neighbours overlap
+  // At 2.5 times the distance between neighbouring cameras, which is 0.1, their views overlap.
+  CHECK(unknown.near > 0.25);
   const InitialSpace outwards = initial_space(half_turn({0, 0, 0}, 1, true), false);
   CHECK(usable(outwards));
   CHECK_THAT(outwards.text, Catch::Contains("outwards"));
@@ -149,7 +151,8 @@ std::vector<Situation> situations() {
       {"parallel", parallel, 1.1 * 0.25, 0.5, 5},
       {"two side by side", {camera({0, 0, 0}, {0, 1, 0}), camera({1, 0, 0}, {1, 1, 0})}, 1.1 * 0.5, 1, 10},
       {"two opposite", {camera({0, -2, 0}, {0, 0, 0}), camera({0, 2, 0}, {0, 0, 0})}, 1.1 * 2, 1, 3},
-      // For the following cameras, the scale of the scene is unknown, so ubs may choose any depths.
+      // For the following cameras, the scale of the scene is unknown, so ubs uses depths from 1 to 10 for all
+      // data.
       {"turning", turning, 0, 1, 10},
       {"all equal", std::vector(5, parallel[3]), 0, 1, 10},
       {"one", {forward[0]}, 0, 1, 10}};
@@ -195,7 +198,8 @@ TEST_CASE("camera rigs: extent, clipping planes and initial splats fit every arr
     for (const bool plain : {false, true}) {
       const InitialSpace space = initial_space(s.cameras, plain);
       REQUIRE(usable(space));
-      // All initial splats must be visible, and their depths must include those of the objects.
+      // A range of depths must be between the clipping planes, and must overlap with the depths of the
+      // objects. A box must be beyond the near plane of every camera.
       if (space.half == 0) {
         CHECK(near < space.near);
         CHECK(far > space.far);

@@ -40,7 +40,8 @@ TEST_CASE("decompose: for every dimension, the correct beta rows are used", "[vi
   struct Row {
     int dim;
     bool angular, temporal;
-    float angular_value, temporal_value;  // of the first splat, whose beta in row r has the value r
+    // Values of the first splat, whose beta in row r is r. The angular value is the mean of its rows.
+    float angular_value, temporal_value;
   };
   for (const Row& row : {Row{3, false, false, 0, 0},
                          {4, false, true, 0, 1},
@@ -58,7 +59,7 @@ TEST_CASE("decompose: for every dimension, the correct beta rows are used", "[vi
   }
 }
 
-TEST_CASE("decompose: missing betas are rejected", "[view]") {
+TEST_CASE("decompose: missing betas and invalid ranges are rejected", "[view]") {
   const auto values = [](const SplatModel& model, BetaKind kind) { return beta_values(model, kind); };
   const auto refusal = [&](const SplatModel& model, BetaKind kind) {
     return message_of([&] { values(model, kind); }, ErrorKind::usage);
@@ -87,7 +88,7 @@ TEST_CASE("decompose: each splat is in exactly one of two adjacent ranges", "[vi
                             high = select_by_beta(model, kind, {0.5, 1});
     CHECK(kept(low) == 5);  // the splat in the middle of 11 belongs to the upper half
     for (std::size_t i = 0; i < 11; ++i) {
-      CHECK(low[i] == (i > 5));  // betas decrease
+      CHECK(low[i] == (i > 5));  // betas decrease with the index
       CHECK(high[i] != low[i]);
     }
     CHECK(kept(select_by_beta(model, kind, {})) == 11);

@@ -23,8 +23,8 @@ Ray colour_of(const Ray& direction) {
   return {0.5 + 0.3 * d[0], 0.5 + 0.2 * d[1] * d[2], 0.4 + 0.3 * d[2] * d[0]};
 }
 
-// Returns an image of these colours in a pinhole camera. The depths are those of a sphere with the radius 5
-// around the camera.
+// Returns the image that a pinhole camera shows if each direction has the colour colour_of(). The depths are
+// those of a sphere with the radius 5 around the camera.
 RenderedView seen_by(const Camera& camera) {
   RenderedView view{camera.width, camera.height, {}, {}, {}};
   for (int y = 0; y < camera.height; ++y)

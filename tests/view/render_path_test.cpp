@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Tests the commands `ubs render --path` and `ubs render --lens`: images and videos along camera paths, and
-// panoramas and fisheye images, for models whose splats have one or several dimensions. Also tests `ubs eval`
-// with panoramas.
+// panoramas and fisheye images. The splats of a model have the same dimension, or several different ones.
+// Also tests `ubs eval` with panoramas.
 #include <catch2/catch.hpp>
 
 #include "host/base/json.hpp"
@@ -91,6 +91,7 @@ TEST_CASE("render --path: also renders mixed models, depth and alpha, and uses t
     CHECK(test::image_difference(video.frames[0], video.frames[1]) > 1);
   }
   test::ubs_ok(folder, "synth glossy --out d --size 33 --views 6 --test-views 1 --supersampling 1");
+  // Images of the data have 33 x 33 pixels. For videos, width and height are reduced to even numbers.
   CHECK_THAT(run_ok(folder, "m.ply --data d --path orbit --path-frames 2 --video o.avi"),
              Contains("2 frames of 32x32"));
   CHECK_THAT(run_ok(folder, "m.ply --data d --path orbit --path-frames 2 --out o"), Contains("2 views"));
@@ -125,7 +126,7 @@ TEST_CASE("render --lens: a panorama and a fisheye image agree with pinhole imag
   };
   const Image8 panorama = draw("--size 512x256 --lens equirectangular");
   CHECK((panorama.width == 512 && panorama.height == 256));
-  // The observed error is 0.87 of 255. With wrong directions, it must be large.
+  // The observed error is 0.87 of 255. The second call computes wrong directions, so its error must be large.
   CHECK(error(panorama, 512 / (2 * M_PI), true) < 1.7);
   CHECK(error(panorama, 400 / (2 * M_PI), true) > 8);
   const Image8 fisheye = draw("--size 256x256 --lens fisheye:200 --channels rgb,alpha,depth");

@@ -124,7 +124,7 @@ TEST_CASE("video: a damaged frame gives an error at every attempt, and never a d
   CHECK(test::image_difference(load(1), test::gradient_image(96, 64, kShift)) < 6);
 }
 
-// FFmpeg rejects this file, so OpenCV's own decoder opens it, and that one throws an exception of OpenCV.
+// FFmpeg rejects this file, so OpenCV opens it with its own decoder, which throws a cv::Exception.
 TEST_CASE("video: a frame whose size is wrong gives an error with the name of the file") {
   const TempFolder folder;
   {

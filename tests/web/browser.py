@@ -115,6 +115,7 @@ class Browser:
             if "GPU stall due to ReadPixels" not in params["entry"]["text"]:
                 self.complaints.append(params["entry"]["text"])
 
+    # Opens a page and waits until it is loaded completely or, if `whole` is False, until it defines window.ubsPart.
     def open(self, path, size=(400, 400), fragment="", whole=True):
         self.complaints = []
         self.call(
@@ -134,7 +135,8 @@ class Browser:
                 raise TimeoutError(f"{path} does not load")
             time.sleep(0.05)
 
-    # Evaluates a JavaScript expression in the page and returns its value. If it is a promise, waits for its result.
+    # Evaluates a JavaScript expression in the page and returns its value. If the value is a promise, waits for its
+    # result.
     def run(self, expression, timeout=600):
         answer = self.call(
             "Runtime.evaluate", timeout=timeout, expression=expression, awaitPromise=True, returnByValue=True

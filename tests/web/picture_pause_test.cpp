@@ -46,7 +46,7 @@ TEST_CASE("the pause after an image depends only on the cost of this image") {
   pause.begin(1e-3);
   CHECK(!pause.over());
   time.advance(1e-3 * 0.97 / 0.03 + 1e-6);
-  CHECK(pause.over());  // for an image of any size
+  CHECK(pause.over());  // the cost of the next image does not matter
   time.advance(600);
   pause.begin(0.1);
   CHECK(!pause.over());

@@ -80,7 +80,7 @@ class Served:
             time.sleep(0.02)
             found = re.search(r"live at (http://([^/]*):(\d+)/(\S*))\n", self.errors.read_text())
         self.url, self.port, self.query = found[1], int(found[3]), found[4]
-        self.get("/")  # waits until it answers
+        self.get("/")  # waits until the server answers
 
     def __enter__(self):
         return self
@@ -255,7 +255,7 @@ def figures(folder):
         before = served.state()
         assert before["loss"][0][0] == 1 and before["test"][0][0] == 200 and before["test"][0][1] > 5
         assert served.page_options()["poster"].startswith("data:image/")
-        until(lambda: served.state()["iteration"] > 600)  # so many that the curve does not contain all of them
+        until(lambda: served.state()["iteration"] > 600)  # more iterations than the curve of losses contains
         state = served.state()
         assert 200 <= len(state["loss"]) < 400 and state["loss"][0][0] == 1
         assert state["loss"][-1][0] > state["iteration"] - 100
@@ -322,7 +322,7 @@ def view(folder):
         served.end(130, signal.SIGTERM)
 
 
-# Ctrl-C ends the program while an expensive image is rendered.
+# SIGTERM ends the program while an expensive image is rendered.
 def heavy(folder):
     synthesise(folder)
     ubs(*train(folder, "run", 200))
@@ -420,8 +420,9 @@ def limits(folder):
         assert sorted(p.name for p in folder.iterdir()) == ["data", "run", "stderr.txt"]
 
 
-# During training, 50 viewers together send 1000 requests per second, two clients do not read the answers, and one
-# client sends invalid requests. The training must give the same losses as without viewers.
+# During training, 50 viewers together send up to 1000 requests for the state per second, one client requests images,
+# two clients do not read the answers, and one client sends invalid requests. The training must give the same losses as
+# without viewers.
 def flooded(folder, seconds, *options):
     synthesise(folder)
     counts, lock = {"asked": 0, "answered": 0, "pictures": 0}, threading.Lock()
@@ -435,7 +436,7 @@ def flooded(folder, seconds, *options):
         start = time.time()
         for k in range(int(20 * seconds)):
             time.sleep(max(0, start + k / 20 - time.time()))
-            if time.time() > start + seconds:  # answers came late, because images may only take a share of the time
+            if time.time() > start + seconds:  # the answers came late: the server accepts few connections per second
                 break
             count(asked=1)
             with contextlib.suppress(ConnectionError):  # rejected while all connections are in use
@@ -447,7 +448,7 @@ def flooded(folder, seconds, *options):
                 status, _, data = served.picture(camera)
                 count(pictures=int(status == 200 and len(data) > 100))
 
-    def sleeper(served, stop):  # sends requests and never reads
+    def sleeper(served, stop):  # sends a request and never reads the answer
         link = served.ask(lens(camera, width=1024, height=1024), exact=True)
         stop.wait()
         link.close()
@@ -506,7 +507,7 @@ def resources(process):
 
 
 def visit(served, camera, rounds):
-    """Sends 10 requests of different kinds in each round, one of them for a large image."""
+    """Opens 10 connections in each round and sends different requests on them, one of them for a large image."""
     for _ in range(rounds):
         assert served.get("/")[0] == 200
         served.state()
@@ -549,7 +550,8 @@ def growth(folder, rounds):
     with Served(folder, *train(folder, "long", 1000000, log=1000), "--serve-share", 50) as served:
         trained = grown(served, rounds)
         served.end(130, signal.SIGTERM)
-    # Observed: 0.04 MB, and 0.20 MB with 4000 requests (Debian 12, two cores). A large image has 0.2 MB of pixels.
+    # The observed growth is 0.04 MB with 400 requests and 0.20 MB with 4000 requests (Debian 12, two cores). A large
+    # image has 0.2 MB of pixels.
     assert max(viewed, trained) < 0.4e6, (viewed, trained)
     return f"{10 * rounds} requests: {viewed / 1e6:.2f} MB with ubs view, {trained / 1e6:.2f} MB with ubs train"
 

@@ -40,7 +40,7 @@ bool one_line(const std::string& text) {
   return text.size() > 5 && text.size() <= 301 && text.find('\n') == text.size() - 1;
 }
 
-TEST_CASE("an answer contains the image and its numbers") {
+TEST_CASE("the server answers with the image and its headers, with the state, and with the page") {
   Started server;
   const Answer answer = picture(server, request_json().dump());
   CHECK(answer.status == 200);
@@ -53,7 +53,7 @@ TEST_CASE("an answer contains the image and its numbers") {
   CHECK(answer_of(server, get("/")).body == "<p>page</p>");
 }
 
-TEST_CASE("an exception of any type while an image is rendered only ends this answer") {
+TEST_CASE("an exception of any type while an image is rendered gives status 500, and the server continues") {
   Started server;
   const auto thrown = [&](const Server::Draw& draw) {
     const Answer answer = picture(server, request_json().dump(), draw);
@@ -97,7 +97,7 @@ TEST_CASE("requests with numbers of a wrong type or out of range are rejected") 
   refused(changed("extra", {true}));
   refused(changed("extra", {1e300}));
   Json request = request_json();
-  request["camera"]["width"] = 65535, request["camera"]["height"] = 31;  // wider than a JPEG can be
+  request["camera"]["width"] = 65535, request["camera"]["height"] = 31;  // wider than kMaxPictureSide
   refused(request.dump());
   request["camera"]["width"] = request["camera"]["height"] = 3000;
   refused(request.dump());

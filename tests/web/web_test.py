@@ -624,7 +624,7 @@ def damage(page, folder):
     page.open(html)
     before = resident(page)
     for name, bad in {
-        # These would need several GB before their damage is noticed.
+        # A reader that allocates memory for one of the next three files before it checks them needs up to several GB.
         "many": altered(splats=50_000_000, classes=[50_000_000, 0, 0, 0, 0, 0]),
         "bomb": altered(bomb),
         "wide": altered(dim=1_000_000),

@@ -6,7 +6,7 @@
 
 namespace ubs::tools {
 
-std::string utc_date();  // "2026-11-20T04:09:50Z"
+std::string utc_date();  // the current date and time, such as "2026-11-20T04:09:50Z"
 std::string host_name();
 std::string command_line();  // the command line of this process, quoted for a shell
 

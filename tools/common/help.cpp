@@ -73,7 +73,8 @@ class HelpFormatter : public CLI::Formatter {
     out << make_subcommands(app, CLI::AppFormatMode::Normal);
     if (root)
       out << fmt::format(
-          "\n{0} COMMAND --help explains a command, {0} --help-all lists exit codes and environment.\n",
+          "\n{0} COMMAND --help explains a command, {0} --help-all lists exit codes and environment "
+          "variables.\n",
           app->get_name());
     if (mode == CLI::AppFormatMode::All) out << make_footer(app);
     return out.str();
@@ -106,7 +107,7 @@ std::string unknown_subcommand(const CLI::App& root, const std::string& word) {
 void prepare_help(CLI::App& root) {
   root.formatter(std::make_shared<HelpFormatter>());
   root.set_help_flag("-h,--help", "print this help");
-  root.set_help_all_flag("--help-all", "print all options, exit codes and the environment");
+  root.set_help_all_flag("--help-all", "print all options, exit codes and environment variables");
 }
 
 void explain_command(CLI::App& root, const Command& command, const CommandEntry& entry) {

@@ -22,7 +22,8 @@ class InterruptGuard {
   bool interrupted() const;
   // Returns whether the loop must end now.
   bool must_end() const;
-  // Must be called when the loop has ended. A Ctrl-C after an earlier one then has its usual effect.
+  // Must be called when the loop has ended. A Ctrl-C that comes two seconds or more after an earlier one
+  // then has its usual effect.
   void loop_ended();
 
  private:
@@ -42,8 +43,8 @@ class EndOnRequest {
   std::array<struct sigaction, 3> previous_ = {};
 };
 
-// Returns whether this process is in the foreground of a terminal, so that someone can end it with Ctrl-C. It
-// is not if it runs in a batch job, in the background, or with an input that is not the terminal.
+// Returns whether this process is in the foreground of a terminal, so that the user can end it with Ctrl-C.
+// Returns false if it runs in a batch job, in the background, or with an input that is not the terminal.
 bool in_foreground();
 
 inline constexpr int kInterruptedExitCode = 130;

@@ -15,7 +15,8 @@ class LpipsOptions {
  public:
   explicit LpipsOptions(CLI::App& app);
   // Returns the networks, weights and ranges that the options request. Without --lpips, the request contains
-  // no networks. Throws Error(usage) for unknown networks or missing weights.
+  // no networks. Throws Error(usage) for unknown networks or missing weights, and if another of these
+  // options is given without --lpips.
   LpipsRequest request() const;
   bool wanted() const { return !networks_.empty(); }
 

@@ -45,7 +45,7 @@ CLI::Option* add_model_option(CLI::App& app, const std::string& name, std::strin
 // RunData describes the data that a run was trained on. Its members are empty if there is no run, or if the
 // run was trained on other data.
 struct RunData {
-  // Settings of the run, which tell how it read the data (downscale, test_every, ...).
+  // Settings of the run, which determine how it read the data (downscale, test_every, ...).
   std::optional<TrainSettings> settings;
   // The opened data, if they had to be opened to compare them with those of the run.
   std::optional<OpenedData> opened;

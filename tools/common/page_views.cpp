@@ -10,7 +10,7 @@
 namespace ubs::tools {
 namespace {
 
-// Number of cameras for a model that lists none.
+// Number of cameras around a model that lists no cameras.
 constexpr int kCamerasAround = 12;
 
 std::vector<Camera> cameras_around(const MixedModel& model, FrameHints hints) {

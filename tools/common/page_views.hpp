@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// page_views() returns the cameras that can be selected in pages that show a model: the pages of ubs web, ubs
-// view and ubs train --serve.
+// page_views() returns the cameras that can be selected in the pages of `ubs web` and `ubs view`.
+// served_scene() returns the initial state of the pages of `ubs view` and `ubs train --serve`.
 #pragma once
 
 #include <optional>

@@ -16,12 +16,13 @@ namespace ubs::tools {
 namespace {
 
 constexpr double kDegree = std::numbers::pi / 180;
-constexpr double kDefaultFov = 50;  // degrees
-constexpr int kPicturesAround = 4;
+constexpr double kDefaultFov = 50;             // degrees
+constexpr int kPicturesAround = 4;             // number of images if neither data nor --path are given
 constexpr const char* kSuitable = "suitable";  // internal: ubs chooses the path from the cameras
 constexpr int kMaxSize = 16384, kMaxFrames = 1000000;
 
-// Returns the numbers in the text, which `separator` separates; empty if the text has any other form.
+// Returns the numbers in a text in which `separator` separates them. Returns no numbers if the text has any
+// other form.
 template <typename Number>
 std::vector<Number> numbers(std::string_view text, char separator) {
   std::vector<Number> found;
@@ -92,8 +93,8 @@ PathOptions::PathOptions(CLI::App& app) {
       ->check(not_negative())
       ->excludes("--path")
       ->group("Camera path");
-  frames_option_ =
-      add("--path-frames", frames_, "number of images along the path [120; 4 without data and --path]", "N");
+  frames_option_ = add("--path-frames", frames_,
+                       "number of images along the path [120; 4 if neither data nor --path are given]", "N");
   frames_option_->check(from_to(1, kMaxFrames));
   app.add_option("--fps", fps_, "frames per second of the video [30]")
       ->type_name("NUMBER")
@@ -113,7 +114,7 @@ PathOptions::PathOptions(CLI::App& app) {
   up_option_ = add("--up", up_, kUpHelp, "X,Y,Z|AXIS");
   CLI::Option* distance = add("--distance", distance_,
                               "distance of the orbit from its centre [median of the cameras of the data, "
-                              "otherwise from the splats]",
+                              "otherwise computed from the splats]",
                               "NUMBER")
                               ->check(positive());
   elevation_option_ =
@@ -198,8 +199,8 @@ std::vector<double> PathOptions::time_range(const MixedModel& model) const {
   if (range.empty() || range.size() > 2) fail(ErrorKind::usage, "--time {}: expected T or T0:T1", time_);
   if (std::ranges::any_of(range, [](double time) { return time < 0 || time > 1; }))
     warn(
-        "--time {}: the model was trained on times from 0 to 1; outside them the result is not defined by "
-        "the data",
+        "--time {}: the model was trained on times from 0 to 1, so the data do not determine its images at "
+        "other times",
         time_);
   return range;
 }

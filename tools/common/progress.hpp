@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Progress prints the progress of a training run to stderr, and CountProgress that of other counted work. On
-// a terminal they rewrite one line; otherwise they print a line about every ten seconds of `time`. If
-// `silent` is set, they print nothing.
+// a terminal they rewrite one line; otherwise they print a line about every ten seconds of `time`. Progress
+// also prints a line for each evaluation. If `silent` is set, they print nothing.
 #pragma once
 
 #include <cstddef>
@@ -31,7 +31,7 @@ class Progress {
   double rate_seconds_ = 0, rate_ = 0;
 };
 
-// Prints lines such as "30/120 frames  12.5 per second  ETA 0:07".
+// Prints lines such as "30/120 frames  12.5 per second  ETA 7.2 s".
 class CountProgress {
  public:
   CountProgress(std::size_t total, std::string what, bool silent = false,

@@ -63,7 +63,8 @@ class RunFolder {
   static std::vector<std::string> render_names(const Split& split, int count);
   // Writes one image per view, for at most `count` evenly spaced views (-1: all views). An image shows the
   // ground truth on the left and the render on the right. Uses the trainer's renderer. If an image cannot be
-  // written, tries again after the other images, and throws Error if this fails too.
+  // read or written, tries again after the other images, and throws Error if this fails too. In a job of
+  // several ranks, throws Error at once. Returns the number of images.
   std::size_t save_renders(Trainer& trainer, const Split& split, int count);
   // Must be the last step of a run, because the end of the run can only be repeated from the checkpoint.
   void remove_checkpoint();

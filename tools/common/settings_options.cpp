@@ -46,7 +46,7 @@ SettingsOptions::SettingsOptions(CLI::App& app, std::vector<std::string_view> ke
                         : app.add_option(name, entry.text, description(field))->type_name(type_word(field));
     entry.option->group((field.uses & kSetFirst) ? kSettings : kRareGroup);
   }
-  app.add_option("--spec", specs_, "YAML file of settings (repeatable; later files win)")
+  app.add_option("--spec", specs_, "YAML file of settings (repeatable; later files override earlier ones)")
       ->type_name("FILE")
       ->expected(1)
       ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll)

@@ -21,7 +21,8 @@ int failure = 0;  // errno of the first write to stdout that failed
 // Returns whether stdout is a pipe without readers, or a closed terminal (EIO).
 bool reader_gone() { return failure == EPIPE || failure == EIO; }
 
-// Finds the reason of an earlier failure. stdio does not keep it, and CLI11 prints the help text itself.
+// Finds the reason why an earlier write to stdout failed. This is needed because CLI11 prints the help text
+// itself, and stdio does not store the reason.
 int reason_of_old_failure() {
   pollfd out{STDOUT_FILENO, POLLOUT, 0};
   return ::poll(&out, 1, 0) == 1 && (out.revents & POLLERR) != 0 ? EPIPE : ENOSPC;

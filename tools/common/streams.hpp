@@ -14,9 +14,10 @@
 
 namespace ubs::tools {
 
-// Must be the first call in main(), before any file is opened. Opens the null device for 0, 1 and 2 if they
-// are closed, so that no other file gets these numbers. Writing to a closed pipe, or beyond the maximum file
-// size (ulimit -f), becomes an error of the call instead of ending the process.
+// Must be called at the beginning of main(), before any file is opened. Opens the null device for those of
+// the file descriptors 0, 1 and 2 that are closed, so that no other file gets these numbers. After this
+// call, writing to a closed pipe, or beyond the maximum file size (ulimit -f), fails with an error instead
+// of ending the process.
 void prepare_streams();
 
 // Must be called by commands whose results are files, before their first output. After this call, the command
@@ -35,8 +36,9 @@ void print_out(std::string_view text);
 void print_err(std::string_view text) noexcept;
 void flush_out();
 
-// Returns the exit code of a command that wants to end with `code`: if stdout was not written completely, 3
-// instead of 0. Sets `complaint` to the error message (empty: none). Must be called once, at the end of
+// Returns the exit code of a command that ends with `code`. If stdout was not written completely, this is 3
+// instead of 0, unless files_before_output() was called and the reader of stdout has gone away. Sets
+// `complaint` to the error message, or leaves it empty if there is none. Must be called once, at the end of
 // main().
 int finish_streams(int code, std::string& complaint);
 

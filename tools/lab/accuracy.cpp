@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // ubs-lab accuracy: writes a table of errors against float64 and of times. The table has a row for each
-// configuration of the kernels, each scene and each device.
+// combination of a configuration of the kernels, a scene and a device.
 #include <CLI/CLI.hpp>
 #include <filesystem>
 #include <memory>
@@ -42,7 +42,8 @@ struct AccuracyOptions {
   bool quick = false, quiet = false, overwrite = false;
 };
 
-// measure() only uses the variant of a configuration and these settings.
+// Throws Error(usage) if a configuration contains a setting that has no effect on measure(). Only the
+// settings of the variant and those in kMeasured have an effect.
 void check_measured(const Configuration& c) {
   constexpr std::string_view kMeasured[] = {"math",         "alpha_min",  "raster",    "query_grad",
                                             "lambda_dssim", "near_plane", "far_plane", "eps2d"};

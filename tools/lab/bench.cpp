@@ -164,7 +164,7 @@ Command add_bench(CLI::App& root) {
                   "devices to compare, as listed by 'ubs devices' [UBS_DEVICE, otherwise the first GPU]")
       ->delimiter(',')
       ->type_name("A,B,...");
-  app->add_option("--raster", options->raster, "kind of the rasteriser and the lists: auto, cpu or gpu")
+  app->add_option("--raster", options->raster, "kernels that sort and rasterise the splats: auto, cpu or gpu")
       ->check(CLI::IsMember({"auto", "cpu", "gpu"}))
       ->type_name("KIND");
   app->add_option("--dim", options->dim, "dimensions of the models; the dynamic scene has one more [6]")

@@ -15,8 +15,8 @@ namespace ubs::tools {
 // Returns the number of splats of the model and the size of the first view that open_bench_model() will show.
 bench::SceneSize bench_model_size(const std::string& model, const std::string& data,
                                   const TrainSettings& settings, const std::optional<OpenedData>& opened);
-// Returns the model with the first test views (training views if there are none), with their images, in the
-// coordinates of the model.
+// Returns the model with up to 32 test views that have images, or training views if there are no test views.
+// The cameras are in the coordinates of the model.
 bench::BenchScene open_bench_model(const std::string& model, const std::string& data,
                                    const TrainSettings& settings, const std::optional<OpenedData>& opened);
 

@@ -27,7 +27,7 @@ struct TrainingResult {
   struct Spread {
     double mean = 0, deviation = 0;
   };
-  std::vector<std::pair<std::string, Spread>> parameters;  // by group
+  std::vector<std::pair<std::string, Spread>> parameters;  // mean and standard deviation, by group
 };
 
 // The results of one device. All differences are those from the first device.
@@ -35,7 +35,8 @@ struct Comparison {
   std::string request;
   DeviceInfo device;
   std::string raster;
-  // Maximum difference of a value of the image, and PSNR of the image, both against the first device [dB].
+  // Maximum difference of a value of the image from that of the first device, and PSNR of the image against
+  // the image of the first device [dB].
   double image_max = 0, image_psnr = 0;
   double loss = 0;
   std::vector<std::pair<std::string, double>> gradient;  // relative 2-norm of the difference, by group

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // ubs-lab gradients: computes the loss of one view and its gradient with respect to every raw parameter, and
-// writes the gradient in the layout of the model file. The loss has no regularisers. Used to compare ubs with
-// other implementations.
+// writes the gradient in the layout of the model file. The loss has no regularisers. With this command, ubs
+// can be compared with other implementations.
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <cmath>

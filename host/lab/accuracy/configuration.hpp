@@ -13,8 +13,8 @@ namespace ubs::accuracy {
 struct Configuration {
   std::string label;
   std::vector<std::string> settings;  // each is "key=value", as in the option --set
-  // Settings of the variant that the float64 reference computes. Empty: it computes the variant of
-  // `settings`.
+  // Settings of the variant that the float64 reference computes. If there are none, the reference computes
+  // the variant of `settings`.
   std::vector<std::string> truth = {};
 };
 

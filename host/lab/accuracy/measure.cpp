@@ -62,7 +62,7 @@ class Measurement {
  private:
   struct Entry {
     std::unique_ptr<Problem> problem;
-    std::unique_ptr<check::StageRun> run;  // null: it does not run on this device
+    std::unique_ptr<check::StageRun> run;  // null if the configuration does not run here
     std::map<std::string, int> calls;      // calls per sample, by stage
     std::map<std::string, std::vector<double>> ms;
   };

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // measure() measures the errors and times of configurations on one device and scene. The configurations are
-// timed in turns: each round runs every configuration once, so that other load on the machine affects all of
-// them alike.
+// timed in turns: each round measures every configuration once, so that other load on the machine affects all
+// of them alike.
 #pragma once
 
 #include <functional>
@@ -23,7 +23,7 @@ struct Result {
   std::string form, truth;  // Configuration::label, truth_name()
   int dim = 0;              // N
   std::string scene, device;
-  std::string note;          // not empty: the reason why the configuration does not run on this device
+  std::string note;          // reason why the configuration does not run on this device; empty if it runs
   double contributions = 0;  // Truth::contributions
   // The first two entries are "forward" and "iteration". "forward" has the error of the image. "iteration"
   // (forward, loss, backward; no update) has the errors of the gradients by parameter group. The input of
@@ -43,7 +43,7 @@ struct NamedScene {
 struct MeasureOptions {
   std::vector<Configuration> configurations;
   std::size_t rounds = 9;
-  double sample_ms = 10;       // a stage is repeated until one sample takes this long [ms]
+  double sample_ms = 10;       // [ms] a stage is repeated until a sample takes about this long
   std::function<bool()> stop;  // called between configurations and rounds; returns true to stop
   std::function<void(const std::string&)> on_progress;
 };

@@ -15,7 +15,7 @@ namespace ubs::accuracy {
 namespace {
 
 constexpr float kFarAway = -1e6f;  // position of invisible splats, far outside the image [px]
-// No kernel has an effect beyond this squared distance r (kernels/math/cull.h).
+// No kernel has an effect beyond this squared distance r (UBS_SUPPORT in kernels/variant.h).
 constexpr float kReach = 11.1f;
 
 using Factor = std::array<double, 3>;  // L00, L01, L11

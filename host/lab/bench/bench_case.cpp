@@ -9,7 +9,8 @@
 namespace ubs::bench {
 namespace {
 
-// Reads a number with an optional K or M and advances `at`. Returns 0 if there is no number.
+// Reads a number, optionally followed by K or M, and advances `at`. Returns 0 if there is no number, or if
+// the number before K or M exceeds 100 million.
 std::size_t read_count(const char*& at, const char* end) {
   std::size_t value = 0;
   const auto result = std::from_chars(at, end, value);

@@ -27,11 +27,13 @@ SceneSize parse_scene_size(const std::string& text);
 std::string count_text(std::size_t count);
 
 struct CaseOptions {
-  std::vector<SceneSize> sizes;  // of all scenes that are not read from files; empty: standard sizes
-  bool quick = false;            // if `sizes` is empty: use one small size for these scenes
+  // Sizes of the scenes that are not read from files. If this list is empty, these scenes have their standard
+  // sizes, or a single small size if `quick` is true.
+  std::vector<SceneSize> sizes;
+  bool quick = false;
   // Sizes of the two scenes that are read from files. A scene is omitted if its `splats` is 0.
   SceneSize garden, model;
-  // The model has splats of different dimensions, so only rendering can be measured.
+  // If this is true, the model has splats of different dimensions, so only rendering can be measured.
   bool mixed_model = false;
 };
 

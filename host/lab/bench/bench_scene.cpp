@@ -17,7 +17,7 @@
 namespace ubs::bench {
 namespace {
 
-constexpr int kTrainingSize = 100;
+constexpr int kTrainingSize = 100;  // maximum width and height of the images for training [px]
 
 // Returns a camera that looks at the origin from 30 degrees above the horizon. The z axis of the world points
 // up.

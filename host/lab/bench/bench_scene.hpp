@@ -23,10 +23,11 @@ struct BenchScene {
   MixedModel mixed{};
 };
 
-// Returns a scene that resembles a trained object. It consists of two crossed ellipsoids that fill 46 % of
-// the image, with about 50 blended splats per pixel. Sizes and anisotropies are log-normal, and 45 % of the
-// splats have a low opacity. The splats depend slightly on the view and are stored in random order. The
-// prototypes that were used to choose the structure of the rasterisers had the same statistics.
+// Returns a scene that resembles a trained object. Its silhouette consists of two crossed ellipses that fill
+// 46 % of the image. About 50 splats are blended per pixel of the object. Sizes and anisotropies are
+// log-normal, and 45 % of the splats have a low opacity. The splats depend slightly on the view and are
+// stored in random order. The prototypes that were used to choose the structure of the rasterisers had the
+// same statistics.
 BenchScene synthetic_object(int dim, std::size_t splats, int width, int height, std::size_t views = 4);
 
 // Returns a scene at the start of training: random splats in a box, cameras around the box, and a white

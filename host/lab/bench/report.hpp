@@ -20,7 +20,7 @@ std::string device_comparison(std::span<const DeviceReport> reports);
 
 nlohmann::ordered_json to_json(const DeviceReport& report);
 
-// A measurement from a baseline file, with the values that are needed for the comparison.
+// BaselineEntry is a measurement from a baseline file, with the values that are needed for the comparison.
 struct BaselineEntry {
   std::string device, driver, raster, name, form;
   int dim = 0;
@@ -40,8 +40,9 @@ struct Comparison {
 };
 
 // Compares results with the same device, rasteriser, dimensions, variant and name. A result is a regression
-// if it is slower in the median AND in the minimum by more than max(5 %, three standard errors of the two
-// medians). Load on the machine increases medians, but rarely minima.
+// if its median is larger by more than 5 % and by more than three standard errors of the two medians, and if
+// its minimum is larger by more than 5 %. The minimum is checked too, because load on the machine increases
+// medians, but rarely minima.
 std::vector<Comparison> compare(std::span<const DeviceReport> reports,
                                 std::span<const BaselineEntry> baseline);
 std::string comparison_text(std::span<const Comparison> comparisons);

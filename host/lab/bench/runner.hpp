@@ -34,11 +34,12 @@ struct RunOptions {
   std::vector<BenchCase> cases;
   std::string raster = "auto";
   int dim = 6;
-  bool quick = false;
+  bool quick = false;  // trains the built-in scenes for only 20 iterations instead of 300
   SamplingLimits limits;
-  std::filesystem::path garden;
+  std::filesystem::path garden;            // folder of the scene "garden"
   std::function<BenchScene()> open_model;  // for the scene "model"
-  // Only the variant and kernel_assignments() are used. The scene "synthetic" ignores the variant.
+  // Only the variant, kernel_assignments() and list_counts are used. The scene "synthetic" ignores the
+  // variant.
   TrainSettings training;
   // Called before the first case; the report has no results yet.
   std::function<void(const DeviceReport&)> on_begin;

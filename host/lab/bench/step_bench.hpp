@@ -29,7 +29,7 @@ class StepBench {
   // Returns the results of the step: the image, followed by the gradient of each trained parameter row.
   std::vector<std::vector<float>> outputs() const;
 
-  const ListTotals& totals() const { return totals_; }      // of the view of the step
+  const ListTotals& totals() const { return totals_; }      // totals of the view that the step rendered
   std::uint64_t peak_bytes() const { return peak_bytes_; }  // peak memory of the step and a refinement
 
  private:

@@ -16,8 +16,8 @@ namespace ubs::bench {
 namespace {
 
 constexpr double kThickness = 1.0;  // half of the depth of the object
-// kCover is the average number of supports that cover a pixel of the object. It is chosen so that 50 splats
-// are blended. kObjectShare is the approximate share of the image that the object covers.
+// kCover determines the sizes of the splats (see Object). It is chosen so that about 50 splats are blended
+// per pixel of the object. kObjectShare is the approximate share of the image that the object covers.
 constexpr double kCover = 70, kObjectShare = 0.5;
 constexpr double kBlur = 0.3;            // eps2d; subtracted here, because the projection adds it [px^2]
 constexpr double kSmallestRadius = 0.9;  // in the image [px]
@@ -60,7 +60,7 @@ class Object {
   Object(std::size_t splats, int width, int height)
       : width_(width), height_(height), focal_(width / (2 * std::tan(kSyntheticAngleX / 2))) {
     const double area = kCover * kObjectShare * width * height / static_cast<double>(splats);
-    // 1.22 compensates for the mean area of the random sizes below.
+    // kCover was chosen together with the divisor 1.22.
     base_ = std::sqrt(area / std::numbers::pi) / 1.22;
   }
 

@@ -16,7 +16,7 @@ struct IterationMeasurement {
 
 struct IterationOptions {
   RasterKind raster = RasterKind::cpu;
-  // The Adam step checks for values that are not finite, as it does by default in training.
+  // If this is true, the Adam step checks for values that are not finite, as it does by default in training.
   bool guard = true;
   ListCounts list_counts{};
   SamplingLimits limits;
@@ -24,9 +24,9 @@ struct IterationOptions {
 };
 
 // Measures the time per iteration of a Trainer. Its learning rates are 0 or almost 0, so that the scene does
-// not change. Everything else is as in training:
-// upload of rates, regularisation, refinement every 100 iterations, and reading the loss after every fifth
-// iteration, which ends a sample. The median does not include the refinements, which cost about 1 % on
+// not change. The other work is that of a training: it includes the upload of rates, regularisation,
+// refinement every 100 iterations (unless parameter groups are frozen), and reading the loss after every
+// fifth iteration, which ends a sample. The median does not include the refinements, which cost about 1 % on
 // average.
 IterationMeasurement measure_iterations(Device& device, const BenchScene& scene,
                                         const IterationOptions& options);

@@ -12,7 +12,8 @@ namespace ubs::bench {
 // OpenCL, and 300K on 800x800 for CUDA. If `quick` is true, the object has only 3K splats on 64x64 pixels.
 BenchScene tuning_scene(const DeviceInfo& device, bool quick);
 
-// Runs choose_values() for a device. Afterwards the device uses the chosen values.
+// Runs choose_values() for a device. Afterwards the device uses the chosen values. Throws Error(usage) if the
+// back end of the device has no tuned constants.
 TuningValues tune(Device& device, const BenchScene& scene, const TuneOptions& options);
 
 }  // namespace ubs::bench

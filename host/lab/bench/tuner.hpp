@@ -38,7 +38,8 @@ struct TuneOptions {
 
 // Returns whether the ratio is below 1 by more than two per cent and by more than three standard errors.
 bool clearly_faster(const Trial& trial);
-// The results of a training step: one array for the image and one for the gradient of each parameter row.
+// Parts contains the results of a training step: one array for the image, and one for the gradient of each
+// parameter row.
 using Parts = std::vector<std::vector<float>>;
 // Returns the largest |a - b| / |b| of all parts (Euclidean norms), or infinity if the parts have different
 // sizes.
@@ -53,8 +54,9 @@ class TuneSubject {
   // Runs a stage of TunedConstant::stages `calls` times and returns the wall time per call.
   virtual double time_ms(const std::string& stage, int calls) = 0;
 };
-// Creates a subject with the given values. Throws Error(build), Error(device) or Error(memory) if a device
-// does not support them. Subjects with earlier values remain in use.
+// MakeSubject is a function that creates a subject with the given values. It throws Error(build),
+// Error(device) or Error(memory) if the device does not support them. Subjects that were created earlier
+// remain in use.
 using MakeSubject = std::function<std::unique_ptr<TuneSubject>(const TuningValues&)>;
 
 // Tunes the constants of the table for the rasteriser `options.raster`, one after the other. Returns the

@@ -34,8 +34,8 @@ std::vector<Footprint<double>> project(const Model& model, const Camera& camera,
 
 struct Composited {       // the splats that are composited at one pixel
   std::vector<int> list;  // positions in Frame::splats
-  int left_out = 0;       // as in Render::left_out
-  double closed = 0;      // as in Render::closed
+  int left_out = 0;       // number of splats that are skipped because of Options::alpha_min
+  double closed = 0;      // transmittance at which compositing stopped, or 0 if it did not stop
 };
 // Determines the splats among `candidates` that are composited at the pixel with the centre (x, y).
 void composite(const Frame& frame, const std::vector<int>& candidates, double x, double y,

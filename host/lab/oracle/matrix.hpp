@@ -122,8 +122,8 @@ inline constexpr double kPivotAbsolute = 1e-30, kPivotNoise = 1e-7;
 
 // LowerOrthogonal is the factorisation B = L Q, where the rows of Q are orthonormal. It is computed by
 // Gram-Schmidt orthogonalisation, which is repeated once, so that errors grow with the condition number of B
-// and not with its square. If a row depends linearly on the rows before it, its pivot is replaced by the
-// minimum pivot, and `floored` is true.
+// and not with its square. `floored` is true if, up to rounding errors of single precision, a row depends
+// linearly on the rows before it. If a pivot is not above kPivotAbsolute, it is replaced by kPivotAbsolute.
 template <class S>
 struct LowerOrthogonal {
   Matrix<S> lower, rows;

@@ -3,9 +3,9 @@
 // gradient of the loss, in double precision. It implements docs/method.md with simple code. It uses plain
 // data structures of the host library, but no code of the kernels. The gradients come from automatic
 // differentiation of the forward formulas (tape.hpp), not from derived backward formulas. The oracle applies
-// the documented clamps of the method (frustum limit, tanh floor, pivot floor, rim, largest alpha). study.hpp
-// determines in which pixels a single-precision program must agree with the oracle and in which it may
-// differ.
+// the documented clamps of the method (frustum limit, tanh floor, pivot floor, rim, largest alpha). study()
+// (study.hpp) determines in which pixels a single-precision program must agree with the oracle and in which
+// it may differ.
 #pragma once
 
 #include <array>
@@ -42,8 +42,9 @@ struct Render {
   std::vector<double> image;      // (3, H, W), unclamped, background composited
   std::vector<double> alpha;      // (H, W), 1 - final transmittance
   std::vector<double> depth;      // (H, W), sum(w z) / max(sum w, 1e-10)
-  std::vector<int> contributors;  // (H, W), number of composited splats (r < 1 and before the stop)
-  // (H, W), number of splats that are skipped because alpha <= alpha_min, before or after the stop.
+  std::vector<int> contributors;  // (H, W), number of composited splats
+  // (H, W), number of splats that are skipped because alpha <= alpha_min. Splats after the stop are counted
+  // only if alpha_min > 0.
   std::vector<int> left_out;
   std::vector<double> closed;  // (H, W), transmittance at the stop; 0: compositing did not stop
   std::size_t visible = 0;     // number of splats that are not culled
@@ -54,8 +55,8 @@ struct Gradient {
   double loss = 0, l1 = 0, dssim = 0;
   std::vector<double> values;  // same layout as Model::values
 };
-// Returns the loss and its gradient. loss = weights.l1 * mean|I - target| +
-// weights.dssim * (1 - SSIM(I, target)); target is (3, H, W).
+// Returns the loss and its gradient. With the weights `l1` and `dssim` of options.loss, the loss is l1 *
+// mean|I - target| + dssim * (1 - SSIM(I, target)). `target` has the shape (3, H, W).
 Gradient gradient(const Model& model, const Camera& camera, std::span<const double> target,
                   const Options& options);
 // Returns the gradient of sum(weights * image); weights are (3, H, W).

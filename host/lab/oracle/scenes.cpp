@@ -158,8 +158,9 @@ void make_opaque(Splat& splat, const Camera& camera, int dim) {
   for (double& b : splat.beta) b = -2.5;
 }
 
-// Moves the query mean so far away that every opacity factor is at its lower bound eps^beta. With raw betas
-// near -5, this bound is about 0.6, so that the splat remains visible.
+// Moves the query mean so far away that every opacity factor is at its lower bound eps^beta. eps is 2^-23,
+// and beta is 4 exp(raw). With the raw betas from -5.5 to -4.5, this bound is 0.5 to 0.8, so that the splat
+// remains visible.
 void make_floored(Splat& splat, Random& random) {
   for (double& m : splat.mean) m += 6;
   for (std::size_t i = 1; i < splat.beta.size(); ++i) splat.beta[i] = random.uniform(-5.5, -4.5);
@@ -302,8 +303,8 @@ Scene identical_depth_scene(const SceneOptions& options) {
   for (std::size_t i = 0; i < options.count; ++i) {
     const Vector position{random.uniform(-0.9, 0.9), random.uniform(-0.9, 0.9), 0};
     Splat splat = ordinary_splat(random, options.dim, position, scene.camera);
-    // Without Lqx the conditional mean equals the mean, so the depths are exactly equal in float and in
-    // double.
+    // Set the entries that couple the query with the position (the block Lqx) to 0. Then the conditional mean
+    // equals the mean, so the depths are exactly equal in float and in double.
     for (int q = 3; q < options.dim; ++q)
       for (int k = 0; k < 3; ++k) splat.triangle[q * (q - 1) / 2 + k] = 0;
     store(splat, i, scene.model);

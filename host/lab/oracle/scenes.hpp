@@ -49,7 +49,8 @@ std::vector<double> smooth_target(int width, int height, std::uint64_t seed);
 // and one that is behind camera 0.
 Scene regular_scene(const SceneOptions& options);
 
-// These functions return difficult scenes. All of them use ring camera 0 unless the comment says otherwise.
+// These functions return special scenes. All of them use ring camera 0 unless the comment says otherwise. The
+// means in these comments are those before conditioning.
 Scene huge_splat_scene(const SceneOptions& options);       // one splat covers every pixel; `count` is ignored
 Scene crowded_tile_scene(const SceneOptions& options);     // all means are in the pixels [16,32) x [16,32)
 Scene behind_camera_scene(const SceneOptions& options);    // no splat is visible

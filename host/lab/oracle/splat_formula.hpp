@@ -3,8 +3,8 @@
 // image from its raw parameters. They follow the text of docs/method.md directly with dense matrices: the
 // full N x N factor of the covariance, an orthogonal factorisation of its query rows, and a Gauss-Jordan
 // inverse. They are templates over the scalar type of tape.hpp. This file shares no code with the kernels.
-// Every branch on a scalar uses value(x):
-// clamps and culls depend on the value and have no gradient of their own.
+// Every branch on a scalar tests value(x), because clamps and decisions to cull depend only on the value and
+// are not differentiated.
 #pragma once
 
 #include <algorithm>
@@ -226,7 +226,9 @@ S condition_weight(const S& b) {
   return value(b) < 0 ? exp(b) : S(1);
 }
 
-// y^2 is limited to this value. The factor without the floor overflows only for much larger values.
+// y^2 is limited to this value, so that the logarithm of an opacity factor stays finite. The limit does not
+// change opacities: at this value, a tanh factor is at its floor, and a Gaussian factor is 0 even in double
+// precision.
 inline constexpr double kLargestU = 1e4;
 inline constexpr double kLowestLogFactor = -15.942385152878742;  // ln 2^-23
 
@@ -246,7 +248,8 @@ S log_query_factor(const S& y, bool floored = true) {
 struct Guards {
   // A pivot of the query factor was raised: the value is defined, but the derivative is not.
   bool pivot = false;
-  bool kink = false;  // within rounding of a kink of the formulas: the derivative may be that of either side
+  // A value is within rounding of a kink of a formula, so the derivative may be that of either side.
+  bool kink = false;
   // A value is outside the range of single precision, so a program may render the splat or cull it.
   bool out_of_range = false;
 };
@@ -427,13 +430,17 @@ struct Footprint {
   S opacity, beta;
   std::array<S, 3> rgb;
   S depth = S(0);
-  std::array<S, 3> cov;  // entries 00, 01, 11 of the ellipse of the support in the image, plus eps2d
+  // Entries 00, 01 and 11 of the 2 x 2 matrix of the ellipse of the support in the image. Entries 00 and 11
+  // include eps2d.
+  std::array<S, 3> cov;
   bool visible = false;
-  bool in_range = false;  // between the near and far planes; otherwise only `depth` is set
+  // The splat is between the near and far planes. If it is not, only `depth`, `reach` and `guards` are set.
+  bool in_range = false;
   double reach = 0;       // sum |mean_j - centre_j|, the magnitude of the terms of the camera-space mean
   Guards guards;
-  // Product of the magnitudes of the terms of `cov`, divided by its determinant. This is the factor by which
-  // rounding may be amplified in the conic. It is computed only if S is double.
+  // Product of the two diagonal entries of `cov`, each computed from the magnitudes of its terms, divided by
+  // the magnitude of the determinant of `cov`. This is the factor by which rounding may be amplified in the
+  // conic. It is computed only if S is double.
   double amplification = 1;
 };
 

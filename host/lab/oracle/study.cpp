@@ -18,7 +18,7 @@ namespace {
 // Maximum number of splats for which gradient_cancellation() is computed.
 constexpr std::size_t kMaxCancelling = 64;
 constexpr double kHalfUlp = 0x1p-24;
-// If |r - 1| is less than this, rounding may always decide whether the pixel is inside the support.
+// This width is added to the rounding error of r before |r - 1| is compared with it.
 constexpr double kRimWidth = 2e-6;
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 // A decision that rounding may change matters only if it changes the weight of a colour by more than
@@ -26,7 +26,8 @@ constexpr double kInfinity = std::numeric_limits<double>::infinity();
 constexpr double kMaterialWeight = 1e-6, kMaterialSlope = 1e-4;
 
 // A pixel reads these values of a splat: the mean x, y, the factor l00, l01, l11 of the conic, for which r =
-// (l00 dx + l01 dy)^2 + (l11 dy)^2, and the logarithm of the opacity.
+// (l00 dx + l01 dy)^2 + (l11 dy)^2, and the logarithm of the opacity. The enumeration also contains the two
+// outputs that decide whether the splat is culled.
 constexpr int kReadings = 6;
 enum { kX, kY, kL00, kL01, kL11, kLogOpacity, kDepth, kSmallAxis, kOutputs };
 
@@ -226,8 +227,9 @@ bool undecided_cull(const Footprint<double>& f, const Rounding& s, const Options
 // single-precision program may render the splat although the ellipse is indefinite.
 bool lost_determinant(const Footprint<double>& f) { return f.in_range && 4 * kHalfUlp * f.amplification > 1; }
 
-// Moved contains a model, a camera and weights in which each number is changed at random by at most half a
-// unit in its last place, independently of the others.
+// Moved contains a model, a camera and weights whose numbers are changed at random by about half a unit in
+// the last place of single precision. The changes are independent, with one exception: the translation of the
+// camera is computed from the changed rotation, so that the camera centre stays the same.
 struct Moved {
   Model model;
   Camera camera;

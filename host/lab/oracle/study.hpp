@@ -1,11 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 // study() determines which accuracy can be required of a single-precision program. The result contains the
 // image and the gradient of the oracle. It marks the undecided pixels. At an undecided pixel, a splat is so
-// close to a threshold that a rounding error may put it on either side. There are four thresholds: the rim of
-// the support, the transmittance at which compositing stops, the maximum alpha, and the depth of another
-// splat, which decides the order of the two. The result also contains images and gradients for inputs that
-// are changed at random by up to half a unit in their last place. A single-precision program cannot be
-// required to have smaller errors than these changes cause.
+// close to a threshold that a rounding error may put it on either side. The pixel has four thresholds: the
+// rim of the support, the transmittance at which compositing stops, the maximum alpha, and the depth of
+// another splat, which decides the order of the two. All pixels that a splat may reach are undecided too if
+// rounding decides whether the splat is culled, if one of its formulas is near a kink, or if its values may
+// exceed the range of single precision. The result also contains images and gradients for inputs that are
+// changed at random by about half a unit in the last place of single precision. A single-precision program
+// cannot be required to have smaller errors than these changes cause.
 #pragma once
 
 #include <cstdint>
@@ -38,8 +40,8 @@ struct Study {
   std::size_t undecided_pixels = 0;
   std::vector<Neighbour> neighbours;  // computed with the same weights as `gradient`
   std::size_t drawn = 0;              // number of visible splats
-  // Number of splats that rounding may cull or make visible. It includes splats outside the range of single
-  // precision.
+  // Number of splats that rounding may cull or make visible. It includes splats that are near a kink of a
+  // formula, and splats whose values may exceed the range of single precision.
   std::size_t undecided_splats = 0;
   // Number of visible splats with a raised pivot, whose derivative is undefined.
   std::size_t floored = 0;
@@ -48,7 +50,9 @@ struct Study {
   double amplification = 1;  // maximum of Footprint::amplification
   // gradient_cancellation() of oracle_stages.hpp; only computed for up to 64 splats.
   double gradient_cancellation = 1;
-  double colour_contrast = 1;  // largest colour or background / smallest magnitude of a splat's colour
+  // Largest magnitude of a splat's colour or of a background channel, divided by the smallest magnitude of a
+  // splat's colour, and at least 1. It stays 1 if a splat is black.
+  double colour_contrast = 1;
 };
 
 // Studies one view. The gradient is that of sum(weights * image); `weights` have the shape (3, H, W).

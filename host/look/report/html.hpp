@@ -33,8 +33,8 @@ struct PageCode {
 };
 
 // Returns a document that does not use the network. page_shell() writes `styles` into the head. `body` must
-// contain `scripts`. The content security policy of the document contains the hashes of both, so that the
-// browser uses no other styles or scripts. `policy` contains further directives of the policy.
+// contain `scripts`. The content security policy of the document contains the hashes of the styles and
+// scripts, so that the browser uses no others. `policy` contains further directives of the policy.
 std::string page_shell(const std::string& title, const std::vector<PageCode>& styles,
                        const std::vector<PageCode>& scripts, const std::string& policy,
                        const std::string& body);

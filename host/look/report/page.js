@@ -156,8 +156,9 @@
            find(run, 'ended_early')          ? 'finished early' :
                                                'finished');
 
-  // Each entry contains the name, the unit, the number of decimals, 1 or -1 if more or less is better and 0
-  // otherwise, the factor between metrics.json and the unit, and the path in metrics.json.
+  // Each entry contains the name, the unit, the number of decimals, the direction, a factor, and the path in
+  // metrics.json. The direction is 1 if larger values are better, -1 if smaller values are better, and 0 otherwise. The
+  // value in metrics.json times the factor is the value in the unit.
   const quantities = () =>
       [...measureNames().map((name) => [...measure(name), 1, 'test', 'mean', name]),
        ['PSNR from the poses that fit best', 'dB', 3, 1, 1, 'test', 'mean', 'fitted_pose', 'psnr'],
@@ -176,7 +177,7 @@
        ['splats dropped', '', 0, -1, 1, 'dropped_splats'],
        ['resumed from iteration', '', 0, 0, 1, 'resumed_from'],
   ];
-  // Returns whether the run was measured on images of a different size than the first run. If so, the PSNR of
+  // Returns whether the run was measured on images of a different size than the first run. If so, the measurements of
   // the two runs cannot be compared, because the same model has a different PSNR on smaller images.
   const otherSize = (r) => {
     const sizes = (view) => [0, r].map((run) => view.runs.find((own) => own.run === run)),
@@ -238,14 +239,15 @@
     return [cards(runs[0]), of('side', table(null, rows.slice(0, half)), table(null, rows.slice(half)))];
   };
 
-  // Replaces every value by the mean of the values at a distance of up to `reach`. Equally many values on both
-  // sides are used, so that values near the ends are not pulled towards their inner neighbours.
+  // Replaces every value by the mean of itself and up to `reach` values on each side. The number of values is the same
+  // on both sides, and is smaller near the ends, so that values near the ends are not pulled towards their inner
+  // neighbours.
   const smoothed = (points, reach) => points.map((point, i) => {
     const near = Math.min(reach, i, points.length - 1 - i), window = points.slice(i - near, i + near + 1);
     return {x: point.x, y: window.reduce((sum, p) => sum + p.y, 0) / window.length};
   });
-  // Returns the lines of a curve over the column `along` of log.csv. The loss of a run has two lines: the
-  // logged values and the smoothed values.
+  // Returns the lines of a curve over the column `along` of log.csv. If the loss of a run has more than 20 values, it
+  // has two lines: the logged values and the smoothed values.
   const linesOf = (curve, along) => runs.flatMap((run, r) => {
     const log = dict(run.log);
     const points = list(log[curve.column])
@@ -429,7 +431,7 @@
       (record.views.length ?
            [
              runs.map((run, r) => (run.views_from ? note(labelled(r, run.views_from)) : null)),
-             note('The wheel zooms all images of a view together, dragging moves them, a double click resets them.'),
+             note('The mouse wheel zooms all images of a view. Dragging moves them, and a double click resets them.'),
              note(
                  scale('error', 'error 0', `${record.error_top} (mean of |difference|, colours 0 to 1)`), ' ',
                  scale('depth', 'depth near', 'far')),
@@ -454,7 +456,7 @@
                          null :
                          element(
                              'p', {class: 'warn'},
-                             'All betas are equal, so these parts only follow the order of the file.'),
+                             'All betas are equal, so the splats are divided only by their order in the file.'),
                      zoomSet(
                          4, d.width, d.height,
                          d.parts.map(
@@ -562,7 +564,7 @@
     };
     return element(
         'div', {}, element('h3', {}, 'Time by stage'),
-        note('Estimated from sampled iterations. "other" is the remaining time of the host and between stages.'),
+        note('The times are estimated from sampled iterations. "other" is the rest of the training time.'),
         table(headOf('stage'), stages.map((stage) => [stage, ...runs.map((run, r) => cell(run, r, stage))])));
   };
   const dataNotes = () => {
@@ -601,7 +603,7 @@
           others = rows.filter((row) => !chosen.includes(row));
     const head = () => [...headOf('setting'), 'default'];
     return [
-      note(`These settings are not the default${several ? '; rows in which the runs differ are marked' : ''}.`),
+      note(`These settings differ from their defaults${several ? '; rows in which the runs differ are marked' : ''}.`),
       table(head(), chosen.map((row) => row.cells), (r) => (chosen[r].differ ? 'differ' : '')),
       element(
           'details', {}, element('summary', {}, `Settings at their default (${others.length})`),
@@ -618,7 +620,7 @@
         (r) => (r < rows.length && rows[r].slice(1).some((cell) => cell !== rows[r][1]) ? 'differ' : ''))];
   };
 
-  // ---- The page. If there is a live model, it is already in the document, before the other sections.
+  // ---- The page. If the page contains the interactive viewer, its section is already in the document.
   const main = document.querySelector('main');
   const live = document.getElementById('viewer');
   const links = live ? [['viewer', 'The model']] : [];

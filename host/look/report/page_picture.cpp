@@ -17,9 +17,9 @@
 namespace ubs {
 namespace {
 
-// If a PNG is larger than kPngBytes, page_picture() encodes the image as a JPEG instead. With the first
-// quality, its errors are about 1/255, which is too small to matter for viewing. The other qualities are used
-// only if the caller limits the number of bytes.
+// If a PNG has more than kPngBytes bytes, or more bytes than the caller allows, page_picture() encodes the
+// image as a JPEG instead. At the first quality, the errors of the JPEG are about 1/255, which is too small
+// to matter for viewing. The other qualities are used only if the caller limits the number of bytes.
 constexpr std::array kJpegQualities{92, 80, 65, 50};
 constexpr std::size_t kPngBytes = 64 << 10;
 

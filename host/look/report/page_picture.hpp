@@ -11,14 +11,16 @@
 
 namespace ubs {
 
-// Returns an image as a data URI. The image is encoded as PNG if this takes at most 64 KiB, and otherwise as
-// JPEG. If its longer side has more than `longest` pixels, the image is first reduced to that size (area
-// mean). If the JPEG has more than `most_bytes` bytes, its quality is lowered step by step, down to 50 of
-// 100.
+// Returns an image as a data URI. If its longer side has more than `longest` pixels, the image is first
+// reduced to that size (area mean). Then it is encoded as PNG. If the PNG has more than 64 KiB or more than
+// `most_bytes` bytes, the image is encoded as JPEG instead. If the JPEG has more than `most_bytes` bytes, its
+// quality is lowered step by step, down to 50 of 100. The JPEG of this quality is returned even if it is
+// still too large.
 std::string page_picture(const Image8& image, int longest, std::size_t most_bytes = SIZE_MAX);
 
 // Returns an image of the errors |a - b|, which are averaged over the channels. The range from 0 to `top` is
-// mapped to the colour map Inferno: black, purple, red, yellow. Throws Error(internal) if the sizes differ.
+// mapped to the colour map Inferno: black, purple, red, yellow. Larger errors have the colour of `top`.
+// Throws Error(internal) if the sizes differ.
 Image8 error_image(const Image8& a, const Image8& b, double top);
 
 struct ValueRange {

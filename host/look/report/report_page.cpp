@@ -73,7 +73,8 @@ ValueRange common_depth_range(const ReportRuns& runs, const std::string& name) {
   return all.value_or(ValueRange{});
 }
 
-// Describes one view for all runs that have rendered it. Runs of the same data share the ground truth image.
+// Describes one view for all runs that have rendered it. If consecutive runs have the same ground truth, the
+// page contains it only once.
 Json view_json(const ReportRuns& runs, const std::string& name, PictureList& pictures) {
   const ValueRange range = common_depth_range(runs, name);
   Json json{{"name", name}, {"depth_range", {range.low, range.high}}, {"runs", Json::array()}};

@@ -45,7 +45,8 @@ struct DrawnTime {
 
 struct RunDrawings {
   std::vector<DrawnView> views;
-  std::string apart_view;  // name of the view whose camera renders `decompositions` and `times`
+  // Name of the view whose camera is used for `decompositions` and, with other times, for `times`.
+  std::string apart_view;
   std::vector<Decomposition> decompositions;
   std::vector<DrawnTime> times;  // empty for models without time
 };
@@ -61,8 +62,8 @@ RunDrawings draw_run(Device& device, const MixedModel& model, const TrainSetting
 Camera circling_camera(const MixedModel& model, double azimuth, int width, int height);
 
 // Returns at most `count` of the images that `ubs train` saved in `folder`, evenly spaced in the order of
-// their names. Each file contains the ground truth on the left and the render on the right. Other images are
-// skipped with a remark.
+// their names. Each file contains the ground truth on the left and the render on the right. Files that cannot
+// be read, or whose width is odd, are skipped with a remark.
 std::vector<DrawnView> saved_renders(const std::filesystem::path& folder, std::size_t count,
                                      std::vector<std::string>& remarks);
 

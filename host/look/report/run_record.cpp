@@ -59,7 +59,8 @@ std::optional<Row> read_row(const std::vector<std::string>& head, const std::vec
 
 void take_setting(RunRecord& run, FieldValues fields, const std::string& key, const std::string& value,
                   std::vector<std::string>& unknown) {
-  // Replaced by the text that this version of ubs writes for the value, so that equal values look equal.
+  // If this version of ubs knows the setting, `shown` becomes the text that it writes for the value, so that
+  // equal values have equal texts.
   std::string shown = value;
   try {
     set_field(fields, key, value, "setting");

@@ -22,7 +22,8 @@ struct RunRecord {
   // The settings that the run has stored and this version knows. All other settings have their default
   // values. If the run refined its cameras, run_cameras is the folder that contains them.
   TrainSettings settings;
-  // The settings as texts, as the run has stored them, including settings that this version does not know.
+  // The settings that the run has stored, as texts. Values of settings that this version knows are written as
+  // this version writes them, so that equal values have equal texts. Other values are unchanged.
   std::vector<std::pair<std::string, std::string>> setting_texts;
   Json log;                          // log.csv: one array per column, with null for empty fields
   std::vector<std::string> remarks;  // lists missing files and contents that could not be read
@@ -39,7 +40,7 @@ struct RunRecord {
 };
 
 // Reads the folder of a run. Throws Error(data) if `folder` is not a folder, has none of the files of a run,
-// or has an invalid metrics.json.
+// or has an invalid metrics.json or config.yaml.
 RunRecord read_run(const std::filesystem::path& folder);
 
 // Returns the possible locations of the data folder whose path `data` a run has recorded. A relative path was
@@ -48,9 +49,10 @@ RunRecord read_run(const std::filesystem::path& folder);
 std::vector<std::filesystem::path> data_places(const std::string& data, const std::filesystem::path& run);
 
 // Reads the text of a log.csv. The first line contains the names of the columns, which may be in any order.
-// Rows with fields that are not numbers are skipped with a remark. A file without the column "iteration" is
-// skipped completely, also with a remark. If training went back to an earlier iteration, the later rows
-// replace the earlier ones. Returns an empty object if there are no rows.
+// Unknown columns are ignored. Rows with a wrong number of fields, without an iteration, or with fields that
+// are not numbers are skipped with a remark. `origin` is the name of the file in remarks. A file without the
+// column "iteration" is skipped completely, also with a remark. If training went back to an earlier
+// iteration, the later rows replace the earlier ones. Returns an empty object if there are no rows.
 Json parse_log(const std::string& csv, const std::string& origin, std::vector<std::string>& remarks);
 
 }  // namespace ubs

@@ -19,10 +19,10 @@ struct SplatQuantity {
   std::vector<double> values;
 };
 
-// Returns the quantities of a model in this order: opacity, spatial scales, betas, conditioning weights,
-// query scales, colours, means of time. Quantities that the variant or the dimensions of the model do not
-// have are omitted. Models of different variants therefore give different lists, so quantities must be
-// compared by name.
+// Returns the quantities of a model in this order: opacity, spatial scales, query scales, spatial betas,
+// betas and conditioning weights of the query dimensions, colours, means of time. Quantities that the variant
+// or the dimensions of the model do not have are omitted. Models of different variants therefore give
+// different lists, so quantities must be compared by name.
 std::vector<SplatQuantity> splat_quantities(const MixedModel& model);
 
 }  // namespace ubs

@@ -101,9 +101,9 @@ class LimitedStream final : public httplib::Stream {
     return true;
   }
 
-  // Renames headers with the name "Range". The library matches their values with a regular expression that
-  // needs up to 0.5 KB of stack per byte, so a long value would overflow the stack and end the process (in
-  // cpp-httplib 0.11.4, 8000 bytes need 4 MB).
+  // Renames headers whose names begin with "Range". The library matches their values with a regular
+  // expression that needs up to 0.5 KB of stack per byte, so a long value would overflow the stack and end
+  // the process (in cpp-httplib 0.11.4, 8000 bytes need 4 MB).
   void hide_ranges(std::size_t end) {
     for (std::size_t line = data_.find('\n'); line < end; line = data_.find('\n', line + 1))
       if (strncasecmp(data_.data() + line + 1, "range", 5) == 0) data_[line + 1] = 'X';

@@ -26,9 +26,9 @@ constexpr std::uint64_t kIntersections = 4 << 20;
 // This value means that there is no limit. It is used for a view of the training data, because training needs
 // the same memory.
 constexpr auto kUnlimited = std::numeric_limits<std::uint64_t>::max();
-// Durations in seconds. end() renders images for up to kLastPictures. It waits for requests only if an image
-// was rendered in the last kWatched. The state is published at least every kFresh. If a viewer has sent no
-// request for kAway, the viewer has left.
+// These durations are in seconds. end() renders images for up to kLastPictures. It waits for requests only if
+// an image was rendered in the last kWatched seconds. step() publishes the state if the last time was more
+// than kFresh ago. If no request has arrived for kAway, the viewers have left.
 constexpr double kLastPictures = 2, kWatched = 10, kFresh = 1, kAway = 90;
 constexpr std::chrono::milliseconds kWait{1000};
 
@@ -50,7 +50,7 @@ struct LiveTraining::Implementation {
   Device& device;
   Trainer& trainer;
   const TimeSource& time;
-  double unit;  // length in the data that is 1 in the unit of training
+  double unit;  // length of the unit of training, measured in the unit of the data
   std::unique_ptr<Stages> stages{};
   std::unique_ptr<Painter> painter{};
   struct Point {
@@ -153,7 +153,7 @@ LiveTraining::LiveTraining(Server& server, double share, Device& device, Trainer
   Implementation& own = *own_;
   const DeviceModel& model = trainer.device_model();
   KernelConfig config = kernel_config(model.dim(), settings.variant, settings, device.info());
-  config.backward = false;  // as in `ubs render`
+  config.backward = false;  // images need no gradients
   own.stages = make_stages(device, config);
   own.painter = std::make_unique<Painter>(device, *own.stages, trainer.render_settings());
   const std::string poster = web::poster_uri(own.image(poster_camera(scene)));  // also compiles the kernels
@@ -209,7 +209,8 @@ std::string LiveTraining::summary() const {
 
 void serve_model(Server& server, ModelSession& session, const MixedModel& model, const Scene& scene) {
   Painter painter(session.device(), session.stages(), session.settings());
-  // An intersection takes 24 bytes and additional memory for sorting, so allow one per 64 bytes of memory.
+  // An intersection takes 24 bytes and additional memory for sorting, so allow one per 64 bytes of device
+  // memory.
   const std::uint64_t most = session.device().info().memory_bytes / 64;
   server.publish(json_text({{"splats", model.count()}, {"memory", session.device().allocated_bytes()}}));
   std::string poster;

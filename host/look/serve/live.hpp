@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // LiveTraining and serve_model() show a training or a model in the browser (docs/web.md). In a build without
-// cpp-httplib, the constructor of Server throws Error(usage).
+// the server (without cpp-httplib or OpenCV, or with UBS_SERVE=OFF), the constructor of Server throws
+// Error(usage).
 #pragma once
 
 #include <functional>
@@ -42,9 +43,10 @@ class LiveTraining {
                const Scene& scene, const TimeSource& time = steady_time());
   ~LiveTraining();
 
-  // Publishes the state after a step. Then renders an image if one is requested, if the share of the time
-  // allows it, and if the training `continues`. After a signal or the last step, `continues` is false, so
-  // that the model is saved before images are rendered.
+  // Records the report of a step. Publishes the state if the report contains a loss or a test, or if more
+  // than a second has passed since the last time. Then renders an image if one is requested, if the share of
+  // the time allows it, and if the training `continues`. After a signal or the last step, `continues` is
+  // false, so that the model is saved before images are rendered.
   void step(const StepReport& report, bool continues);
   // Renders images of the final state. No image is started after two seconds. The function waits for requests
   // only if images were rendered in the last ten seconds. Call it after saving the model.
@@ -52,10 +54,12 @@ class LiveTraining {
   // Returns whether a browser that shows the page has sent a request in the last 90 seconds. The page sends
   // requests at least once per minute, even if it is hidden.
   bool has_viewer() const;
-  // Renders images of the final state until `ends` returns true, which is checked every second, or
-  // has_viewer() becomes false. Call it after end().
+  // Renders images of the final state until `ends` returns true or has_viewer() returns false. Both are
+  // checked after each image, and at least once per second while no image is requested. Call it after end().
   void stay(const std::function<bool()>& ends);
-  std::string summary() const;  // returns the number of images and the time that they took, as text
+  // Returns a text with the number of rendered images, the time that they took, and the percentage of the
+  // time since the constructor.
+  std::string summary() const;
 
  private:
   struct Implementation;

@@ -64,7 +64,8 @@ class Live {
     this.changed = performance.now();
     markUnseen(this.find('.stage'), this.camera, this.options);
     this.dirty = true;
-    // An image at rest may take long, so cancel it: the newer camera replaces it.
+    // An image for a camera at rest may take long to render, so cancel its request: ask() sends a new one for the new
+    // camera.
     if (this.waiting && this.resting) this.waiting.abort();
     this.ask();
   }

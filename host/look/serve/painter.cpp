@@ -23,8 +23,8 @@ Outcome Painter::Bounded::run(const Operation& operation) {
   if (count == nullptr || count->totals.memory != nullptr) return outcome;
   if (const auto& totals = std::get<ListTotals>(outcome); totals.intersections > most)
     fail(ErrorKind::memory,
-         "the view is too expensive to render: {} splats cover {} tiles of the image: move the camera "
-         "farther away",
+         "the view is too expensive to render, because its {} splats have {} intersections with tiles of "
+         "the image: move the camera farther away",
          totals.visible, totals.intersections);
   return outcome;
 }

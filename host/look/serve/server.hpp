@@ -36,7 +36,8 @@ struct Picture {
 
 class Server {
  public:
-  // Opens the port. Throws Error(usage) if the port is in use or the host is not this machine.
+  // Opens the port. Throws Error(usage) if it cannot listen on the port, for example because the port is in
+  // use or because the host is not this machine.
   explicit Server(const Address& address);
   // Allows one second to finish sending answers, and tells clients that wait for an image that the server has
   // ended.
@@ -45,7 +46,7 @@ class Server {
 
   // Returns the address for browsers. It contains the token if other machines can connect.
   const std::string& url() const;
-  // Returns how many allowed requests have arrived.
+  // Returns the number of allowed requests that have arrived so far.
   std::uint64_t requests() const;
   void start(std::string page);     // starts to answer requests; `page` is the HTML page
   void publish(std::string state);  // sets the JSON that answers requests for /state

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// This file replaces the other source files of this folder in builds without cpp-httplib or OpenCV.
+// This file replaces the other source files of this folder in builds without the server: without cpp-httplib
+// or OpenCV, or with UBS_SERVE=OFF.
 #include "host/base/error.hpp"
 #include "host/look/serve/live.hpp"
 

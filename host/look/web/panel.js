@@ -4,7 +4,7 @@
 
 const KEYS =
     'Drag: orbit. Shift or right drag: pan. Wheel, + and -: zoom. Arrows: orbit. W A S D Q E: fly. ' +
-    'Space: play. [ and ]: cameras. C: channel. Home: back.';
+    'Space: play. [ and ]: previous and next camera. C: next channel. Home: initial camera.';
 const BETAS = {
   spatial: 'Spatial beta',
   angular: 'Angular beta',

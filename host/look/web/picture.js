@@ -16,8 +16,8 @@ void main() {
   shape = a0;
   look = vec4(a1.xyz, a2.w);
   colour = depth ? vec3(a1.w) : a2.rgb;
-  // Draw the square around the unit circle in the coordinates of the ellipse. It has a margin, because its
-  // corners are rounded to fractions of a pixel.
+  // Draw the square around the circle r = reach in the coordinates of the ellipse. The square has a margin,
+  // because its corners are rounded to fractions of a pixel.
   vec2 corner = vec2(gl_VertexID & 1, gl_VertexID >> 1) * 2.0 - 1.0;
   vec2 p = corner * (sqrt(a2.w) + 0.2 * vec2(a0.z + abs(a0.w), a1.x));
   float dy = p.y / a1.x;
@@ -78,8 +78,8 @@ class Picture {
     if (!gl) throw new Error('This browser has no WebGL 2.');
     this.gl = gl;
     this.canvas = canvas;
-    // Use 32 bits if they can be blended, otherwise 16. Blending back to front keeps 16-bit values more
-    // accurate than accumulating from the front.
+    // Use 32-bit floats if the device can blend them, and 16-bit floats otherwise. Blending back to front keeps 16-bit
+    // values more accurate than accumulating from the front.
     const floats = gl.getExtension('EXT_color_buffer_float');
     this.format = floats && gl.getExtension('EXT_float_blend') ? gl.RGBA32F : gl.RGBA16F;
     if (!floats && !gl.getExtension('EXT_color_buffer_half_float'))

@@ -25,7 +25,7 @@ constexpr double kMinRest = 0.02;            // minimum of 1 - opacity when comp
 // Maximum size of the first level. A page up to the end of this level has about 300 KB, with Base64 encoding,
 // the viewer, a hundred cameras and the poster.
 constexpr std::size_t kFirstLevelBytes = 105000;
-// Maximum number of bytes of the poster in a page.
+// If the poster has more bytes than this, its JPEG quality is lowered.
 constexpr std::size_t kPosterBytes = 32000;
 
 // Sensitivity contains H (steps.hpp) of each parameter, as one vector per group in the layout of the
@@ -149,8 +149,8 @@ MixedModel rounded_groups(const MixedModel& model, const std::vector<UbszSteps>&
 }
 
 // Returns the splats sorted by importance, the most important first. The importance is an estimate of the
-// squared error of the pixels if the splat was removed. It assumes that the pixels are linear in the opacity
-// o, whose derivative with respect to its raw value is o (1 - o).
+// squared error that removing the splat causes in the pixels. The estimate assumes that the pixels are linear
+// in the opacity o, whose derivative with respect to its raw value is o (1 - o).
 std::vector<std::size_t> by_importance(const MixedModel& model, const Sensitivity& h) {
   std::vector<double> losses;
   for (std::size_t g = 0; g < model.groups.size(); ++g) {
@@ -211,8 +211,8 @@ std::vector<UbszSteps> choose_steps(ModelSession& session, const MixedModel& mod
   std::size_t rows = 0;
   for (const SplatModel& group : model.groups) rows += static_cast<std::size_t>(group.layout().count);
   // The PSNR that is estimated from H differs from the actual PSNR by an amount that changes slowly. So each
-  // trial shifts the estimate by this amount. If there are trials below and above the goal, it interpolates
-  // between them.
+  // trial shifts the estimate by this amount. If there are trials below and above the goal, the next trial
+  // interpolates between them instead.
   struct Trial {
     double estimate = 0, got = 0;  // estimated and actual PSNR [dB]
   };

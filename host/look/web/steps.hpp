@@ -15,7 +15,8 @@
 namespace ubs::web {
 
 struct ViewPsnr {
-  double mean = 0, worst = 0;  // joint PSNR of pixels clamped to [0, 1], over the views [dB]
+  // Mean and minimum over the views of the joint PSNR, with pixels clamped to [0, 1] [dB].
+  double mean = 0, worst = 0;
 };
 
 // PackedForWeb is a compressed model with its quality.
@@ -33,11 +34,13 @@ struct PackedForWeb {
 inline constexpr double kPsnr = 50;  // default of `psnr` [dB]
 // Compresses a model. The quantisation steps are chosen as follows. The rounding errors of the parameters are
 // assumed to be independent. With steps d, the squared error of the images is then the sum of H d^2 / 12 over
-// all parameters. H of a parameter is the sum of the squared derivatives of all pixels with respect to it. It
-// is estimated by one backward pass per view with pixel gradients that are randomly +1 or -1. Every row of
-// parameters gets an equal share of the error, which is optimal if an entropy coder follows. Splats that
-// affect the images less have steps that are 2^k times as large. Finally, all steps are scaled until the
-// rendered images of all views reach `psnr` on average.
+// all parameters. H of a parameter is the sum of the squared derivatives of all pixels with respect to this
+// parameter. H is estimated from up to 48 views, with one backward pass per view, in which the pixel
+// gradients are randomly +1 or -1. Every row of parameters gets an equal share of the error, which is optimal
+// if an entropy coder follows. Splats that affect the images less have steps that are 2^k times as large.
+// Finally, all steps are scaled until the mean PSNR of the images of all views is at least `psnr`. If this is
+// not possible, pack_for_web() throws Error(usage). `levels` is the maximum number of levels of the file, and
+// `note` receives messages about the progress.
 PackedForWeb pack_for_web(
     std::shared_ptr<Device> device, const MixedModel& model, const std::vector<std::string>& comments,
     const std::vector<Camera>& cameras, const TrainSettings& settings, double psnr = kPsnr, int levels = 1,

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Viewer is one element with a canvas and its controls. The worker slices, projects and sorts the splats.
+// Viewer is one element with a canvas and its controls. The worker (worker.js) slices, projects and sorts the splats.
 // This file contains the state, the scheduling of frames, and the input from mouse, touch and keys.
 'use strict';
 
@@ -245,7 +245,7 @@ class Viewer {
     this.panel.say(copied ? 'Link copied.' : 'The link is in the address bar.');
   }
   screenshot() {
-    this.draw();  // in the same task as the copy, because the canvas does not keep its content
+    this.draw();  // draw and copy in the same task, because the canvas does not keep its content
     this.canvas.toBlob((blob) => {
       const url = URL.createObjectURL(blob),
             a = element('a', {href: url, download: `${this.options.title}.png`});

@@ -7,7 +7,7 @@
 
 const CLASSES = 6, PLACE_BITS = 17;
 const MAX_RATIO = 1032;  // gzip reduces the size of data by at most this factor
-const MAX_LEVELS = 8;    // maximum of `ubs web`; each level takes time in proportion to the splats so far
+const MAX_LEVELS = 8;    // maximum of `ubs web`; the time for a level is proportional to the number of splats so far
 // Number of floats of a visible splat: x, y, L00, L01 | L11, opacity, beta, depth | r, g, b, reach.
 const RECORD = 12;
 
@@ -24,7 +24,8 @@ function crc32(bytes) {
   return (crc ^ 0xffffffff) >>> 0;
 }
 
-// Unpacks `size` bytes. If the data contain more, the function stops, so that a hostile file does not fill the memory.
+// Unpacks `size` bytes. Throws an error as soon as the data contain more, so that a hostile file does not fill the
+// memory.
 async function inflate(bytes, size) {
   const reader = new Blob([bytes]).stream().pipeThrough(new DecompressionStream('gzip')).getReader();
   const out = new Uint8Array(size);
@@ -43,7 +44,8 @@ async function inflate(bytes, size) {
   }
 }
 
-// Returns one coordinate of a position, which is every third of its 51 bits. `low` contains the bits 0 to 23.
+// Returns one coordinate of a position, which consists of every third of the 51 bits of the position. `low` contains
+// the bits 0 to 23, and `high` the others.
 function gather(low, high, axis) {
   let v = 0;
   for (let b = 0; b < PLACE_BITS; ++b) {
@@ -123,7 +125,8 @@ function layoutOf(dim, s) {
   return l;
 }
 
-// The switches and their values; the first one is the default (kVariantSwitches in host/scene/model_variant.hpp).
+// These are the switches of a variant with their values (kVariantSwitches in host/scene/model_variant.hpp). The first
+// value of each is the default.
 const SWITCHES = {
   rot_mode: 'taylor1|taylor2|cayley|exp|quaternion',
   cov_param: 'spatial_ortho|cholesky|skew_nd',
@@ -169,8 +172,8 @@ function validLevel(level, switches) {
       level.groups.every((group) => validGroup(group, switches));
 }
 
-// Parses the header of a file that starts with these bytes. Returns it with its levels and the offset of the
-// first level. Throws an error for headers that `ubs` does not write.
+// Parses the header of a file that starts with these bytes. Returns the switches, the levels, and the offset of the
+// first level in the file. Throws an error for headers that `ubs` does not write.
 function readHeader(bytes) {
   const view = new DataView(bytes.buffer, bytes.byteOffset, bytes.byteLength);
   if (bytes.length < 16 || view.getUint32(0) !== 0x5542535a) throw new Error('this is not a UBSZ file');
@@ -300,7 +303,7 @@ function factorOf(e, l, s) {
   return {M, B, F, scale};
 }
 
-// Factorises B = Lh Q, where the rows of Q are orthonormal, and inverts Lh; both are lower triangles.
+// Factorises B = Lh Q, where the rows of Q are orthonormal, and inverts Lh. Lh and its inverse are lower triangular.
 function factorise(B, N) {
   const C = B.length, lh = B.map(() => new Array(C).fill(0)), q = [];
   for (let i = 0; i < C; ++i) {
@@ -691,7 +694,7 @@ function show(level) {
   });
 }
 
-// Called when no further parts will arrive.
+// This function is called when no further parts will arrive.
 function end() {
   if (!state.header || state.next < state.header.levels.length) throw new Error('the model is cut off');
   if (state.surplus) throw new Error('the model contains more data than its header says');

@@ -34,13 +34,13 @@ _GROUPS = (
     ("quat_scale_to_covar_preci", "pass quats and scales to rasterization()"),
     ("spherical_harmonics_l0 spherical_harmonics_l1_plus", "use spherical_harmonics()"),
     ("SelectiveAdam", "use torch.optim.Adam, or torch.optim.SparseAdam with rasterization(..., sparse_grad=True)"),
-    ("export_splats PngCompression", "put the values into a ubs.Model, and use Model.save() with the extension of a format"),
+    ("export_splats PngCompression", "assign the values to a ubs.Model, and write a file with Model.save()"),
     (_LOSSES, "write the loss in PyTorch"),
     ("color_correct_affine color_correct_quadratic", "write the correction in PyTorch"),
     ("RenderMode RasterizeMode CameraModel", "pass a string, such as render_mode='RGB+D'"),
     (
         "RendererConfig RendererConfig_MixedBatch RendererConfig_ParallelBatch",
-        "remove it: it only configures how gsplat divides its work",
+        "remove the configuration, which only determines how gsplat divides its work",
     ),
 )
 INSTEAD = {name: instead for names, instead in _GROUPS for name in names.split()}

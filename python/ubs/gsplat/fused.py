@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The fast route of rasterization(): the device projects the Gaussians and evaluates their harmonics.
+"""The fast implementation of rasterization(), in which the device projects the Gaussians and evaluates their spherical
+harmonics.
 
-The calls of most trainers take it: quaternions, scales and shared harmonics up to degree 3, seen by pinhole cameras
-whose matrices need no gradients. PyTorch computes only the positions in the image, a second time, so that means2d is a
+It supports the calls that most trainers make: the Gaussians have quaternions and scales, all cameras share spherical
+harmonics up to degree 3, and the viewmats and Ks of the pinhole cameras need no gradients. supports() and
+rasterization() test all conditions. PyTorch computes the positions in the image a second time, so that means2d is a
 tensor with a gradient. The device returns the gradient with respect to these positions, and the gradients of the
 parameters for fixed positions; PyTorch adds the part that goes through the positions."""
 
@@ -18,9 +20,9 @@ from .._data import Camera
 from .._device import DeviceLike
 from .._raster import CHUNK, Form, Slot, first_order, scale_inverse, slot_for
 
-LEAST_ALPHA = 1 / 255  # splats with a lower alpha are not rendered
-LEAST_SCALE = 1e-15  # smaller ones lose their gradient in the softplus of the kernels
-NOT_A_ROTATION = 2e-6  # largest difference of R R^T from the identity for which the device renders R itself
+LEAST_ALPHA = 1 / 255  # Gaussians with a lower opacity are not rendered
+LEAST_SCALE = 1e-15  # scales must be larger, because the softplus of the kernels has no gradient for smaller ones
+NOT_A_ROTATION = 2e-6  # a matrix R counts as a rotation if all entries of R R^T - I are below this value
 
 
 @dataclass
@@ -36,7 +38,7 @@ class Gaussians:
         return self.means, self.quats, self.scales, self.opacities, self.colors
 
     def values(self) -> dict[str, Tensor]:
-        """Returns the raw parameters of the splats as rows."""
+        """Returns the raw parameters of the splats by name. Their last dimension is the number of splats."""
         used = self.colors[:, : (self.degree + 1) ** 2].permute(2, 1, 0)
         opacities = self.opacities.clamp(1e-8, 1 - 2.0**-24)
         found = {
@@ -46,10 +48,10 @@ class Gaussians:
         return {**found, "sh_rest": used[:, 1:]} if self.degree > 0 else found
 
     def gradients(self, v: dict[str, Tensor]) -> tuple[Tensor, ...]:
-        """Returns the gradients of tensors() from those of the raw parameters."""
+        """Converts the gradients of the raw parameters to gradients of tensors(), and returns these."""
         opacities = self.opacities.clamp(1e-8, 1 - 2.0**-24)
         count = (self.degree + 1) ** 2
-        shape = self.colors.shape  # the strides of colors may be others
+        shape = self.colors.shape  # new tensors with this shape are contiguous, but colors may have other strides
         v_colors = self.colors.new_empty(shape) if count == shape[1] else self.colors.new_zeros(shape)
         flat = v_colors.view(len(v_colors), -1)
         flat[:, :3] = v["sh0"].T
@@ -65,7 +67,7 @@ class Gaussians:
 
 @dataclass
 class Drawn:
-    """The image of one camera."""
+    """The rendered image of one camera."""
 
     rgb: Tensor  # (H, W, 3)
     alpha: Tensor  # (H, W)
@@ -79,8 +81,8 @@ def supports(
     colors: Any, scales: Tensor | None, viewmats: Tensor, ks: Tensor, degree: int | None, planes: tuple[float, float],
     eps2d: float,
 ) -> bool:
-    """Returns whether the device can render a call without batch dimensions. The caller has checked all arguments
-    except colors."""
+    """Returns whether render() supports these arguments of rasterization(), if they have no batch dimensions. The
+    caller has checked all arguments except colors."""
     if isinstance(degree, bool) or degree not in (0, 1, 2, 3) or not isinstance(colors, Tensor):
         return False
     if scales is None or len(viewmats) == 0:
@@ -125,14 +127,16 @@ def means2d(means: Tensor, viewmats: Tensor, ks: Tensor, planes: tuple[float, fl
     points = means @ viewmats[:, :3, :3].transpose(1, 2) + viewmats[:, None, :3, 3]
     depths = points[..., 2]
     seen = (depths >= planes[0]) & (depths <= planes[1])
-    over = 1 / torch.where(seen, depths, torch.ones_like(depths))  # without infinite gradients where not visible
+    # The depth 1 avoids infinite gradients of Gaussians that are not visible.
+    over = 1 / torch.where(seen, depths, torch.ones_like(depths))
     focal = ks[:, None, [0, 1], [0, 1]]
     return focal * points[..., :2] * over[..., None] + ks[:, None, [0, 1], [2, 2]], depths
 
 
 class Render(torch.autograd.Function):
-    """Inputs: an image that has been drawn, a degree, the numbers of the splats in means2d or None for all, means2d,
-    and the tensors of Gaussians. Outputs: the image and its alpha."""
+    """Returns the image of a Drawn, which has already been rendered, with gradients. The inputs are: the Drawn, the
+    degree of the spherical harmonics, the indices of the splats that means2d contains (None for all splats), means2d,
+    and the tensors of Gaussians. The outputs are the image and its alpha."""
 
     @staticmethod
     def forward(ctx: Any, *inputs: Any, **_: Any) -> tuple[Tensor, Tensor]:
@@ -165,9 +169,9 @@ def render(
     splats: Gaussians, viewmats: Tensor, ks: Tensor, size: tuple[int, int], planes: tuple[float, float], eps2d: float,
     packed: bool, device: DeviceLike, meta: dict[str, Any],
 ) -> list[tuple[Tensor, Tensor]] | None:
-    """Returns the image (H, W, 3) and the alpha (H, W) of each camera, without background, and writes into `meta` the
-    entries of rasterization() that belong to splats, except for conics. Returns None, and writes nothing, if the device
-    does not share its memory."""
+    """Returns the image (H, W, 3) and the alpha (H, W) of each camera, without background. Writes into `meta` those
+    entries of the dictionary of rasterization() that describe splats, except for conics. Returns None, and writes
+    nothing, if the device does not share its memory."""
     drawn = draw(splats, viewmats, ks, size, planes, eps2d, device)
     if drawn is None:
         return None
@@ -193,7 +197,8 @@ def _radii(
     extents: Tensor, points: Tensor, depths: Tensor, opacities: Tensor, size: tuple[int, int],
     planes: tuple[float, float],
 ) -> Tensor:
-    """Returns the radii (C, n, 2) of the ellipses in whole pixels; 0 if no part of one is in the image."""
+    """Returns the radii (C, n, 2) of the ellipses in whole pixels. They are 0 for ellipses that are outside of the
+    image or of the planes, or whose opacity is below LEAST_ALPHA."""
     with torch.no_grad():
         seen = (depths >= planes[0]) & (depths <= planes[1]) & (opacities >= LEAST_ALPHA)
         radii = torch.ceil(torch.where(seen[..., None], extents, torch.zeros_like(extents)))

@@ -25,7 +25,8 @@ REACH = 3.33  # maximum number of standard deviations that radii cover
 
 
 class RollingShutterType(Enum):
-    """How a camera reads its rows. ubs only supports GLOBAL."""
+    """The order in which a camera reads its rows or columns. With GLOBAL, it reads all pixels at the same time. ubs
+    only supports GLOBAL."""
 
     ROLLING_TOP_TO_BOTTOM = 0
     ROLLING_LEFT_TO_RIGHT = 1
@@ -81,7 +82,8 @@ def _number(name: str, value: float, least: float = 0.0) -> float:
 
 # ---- Spherical harmonics ----
 
-# Coefficients of the real harmonics of degrees 0 to 4, in the order and with the signs of 3D Gaussian Splatting.
+# Constant factors of the real spherical harmonics of degrees 0 to 4. _harmonics() returns the functions in the order
+# and with the signs of 3D Gaussian Splatting.
 _C0 = math.sqrt(1 / (4 * math.pi))
 _C1 = math.sqrt(3 / (4 * math.pi))
 _C2 = [math.sqrt(f / math.pi) for f in (15 / 4, 5 / 16, 15 / 16)]
@@ -165,7 +167,8 @@ def _axes(quats: Tensor, scales: Tensor) -> Tensor:
 
 
 class _Projected:
-    """Gaussians as seen by the cameras: arrays (..., B, C, N)."""
+    """The projections of Gaussians into the images of cameras. Its tensors have the shape (..., B, C, N): B batches, C
+    cameras and N Gaussians."""
 
     def __init__(
         self,
@@ -192,7 +195,8 @@ class _Projected:
             x, y = x / z, y / z
             self.means2d = torch.stack([fx * x + cx, fy * y + cy])
             width, height = size
-            # As published, the ellipse is computed for a centre at most 15 % of the image beyond its border.
+            # As in the published code, the ellipse of a Gaussian whose centre is more than 15 % of the image size
+            # beyond the border is computed as if the centre were at this distance.
             beyond_x, beyond_y = 0.15 * width / fx, 0.15 * height / fy
             x = torch.minimum(torch.maximum(x, -cx / fx - beyond_x), (width - cx) / fx + beyond_x)
             y = torch.minimum(torch.maximum(y, -cy / fy - beyond_y), (height - cy) / fy + beyond_y)
@@ -205,7 +209,8 @@ class _Projected:
             square = (x * x + y * y).clamp_min(1e-14)
             radius = square.sqrt()
             over = 1 / (square + z * z)
-            bend = torch.atan2(radius, z) / radius  # angle from the axis, divided by the distance from it
+            # The angle between the point and the optical axis, divided by the distance of the point from this axis.
+            bend = torch.atan2(radius, z) / radius
             self.means2d = torch.stack([fx * bend * x + cx, fy * bend * y + cy])
             slope = (z * over - bend) / square  # derivative of bend with respect to half the square
             first = (rotation[0] * (bend + x * x * slope) + rotation[1] * (x * y * slope) - rotation[2] * (x * over)) * fx
@@ -214,7 +219,7 @@ class _Projected:
             p = first[0] * axes[0, :, :, None] + first[1] * axes[1, :, :, None] + first[2] * axes[2, :, :, None]
             q = second[0] * axes[0, :, :, None] + second[1] * axes[1, :, :, None] + second[2] * axes[2, :, :, None]
             a, b, c = (p * p).sum(0), (p * q).sum(0), (q * q).sum(0)
-            # (a c - b^2) computed as the square of p x q, which loses no precision for needle-shaped ellipses.
+            # a c - b^2 is computed as the square of p x q, which loses no precision for needle-shaped ellipses.
             cross = [p[1] * q[2] - p[2] * q[1], p[2] * q[0] - p[0] * q[2], p[0] * q[1] - p[1] * q[0]]
             sharp = cross[0] * cross[0] + cross[1] * cross[1] + cross[2] * cross[2]
         else:
@@ -238,7 +243,8 @@ class _Projected:
         return torch.stack([l00, self.b / l00, (torch.where(self.seen, self.determinant, a) / a).sqrt()])
 
     def radii(self, size: tuple[int, int], opacities: Tensor | None, clip: float) -> Tensor:
-        """Returns the radii (B, C, N, 2) of the ellipses in whole pixels; 0 if no part of one is in the image."""
+        """Returns the radii (B, C, N, 2) of the ellipses in whole pixels. They are 0 for Gaussians that are not
+        visible, whose opacity is below LEAST_ALPHA, or whose radii are both at most `clip`."""
         with torch.no_grad():
             reach = torch.full_like(self.a, REACH)
             seen = self.seen
@@ -254,7 +260,8 @@ class _Projected:
 
 
 def _symmetric(covars: Tensor) -> Tensor:
-    """Returns (3, 3, B, N) from (B, N, 6), the upper triangle, or from the upper triangle of (B, N, 3, 3)."""
+    """Returns symmetric matrices (3, 3, B, N). `covars` (B, N, 6) contains their upper triangles. If it has the shape
+    (B, N, 3, 3), its upper triangles are used."""
     six = covars if covars.dim() == 3 else covars[..., [0, 0, 0, 1, 1, 2], [0, 1, 2, 1, 2, 2]]
     return six[..., [0, 1, 2, 1, 3, 4, 2, 4, 5]].permute(2, 0, 1).reshape(3, 3, *six.shape[:2])
 
@@ -310,7 +317,7 @@ def _projected(
     planes: tuple[float, float],
     model: str,
 ) -> _Projected:
-    """Joins all batch dimensions, and projects. The arguments have been checked."""
+    """Joins all batch dimensions to one, and projects the Gaussians. The arguments have been checked."""
     n, cameras = means.shape[-2], viewmats.shape[-3]
     flat = math.prod(means.shape[:-2])
     axes = None
@@ -350,8 +357,9 @@ def fully_fused_projection(
     (..., N, 6), the upper triangle, or (..., N, 3, 3).
 
     Returns radii (..., C, N, 2), means2d (..., C, N, 2), depths (..., C, N), conics (..., C, N, 3) and compensations
-    (..., C, N), which are None without calc_compensations. With `packed`, batch_ids, camera_ids and gaussian_ids (nnz,)
-    come first, and the others have the shape (nnz, ...), with only the Gaussians whose radii are above 0."""
+    (..., C, N), which are None without calc_compensations. With `packed`, the results only contain the nnz pairs of a
+    camera and a Gaussian whose radii are above 0. batch_ids, camera_ids and gaussian_ids (nnz,) then come first, and
+    the other results have the shape (nnz, ...)."""
     rows: list[Tensor] = []
     if sparse_grad:
         means, covars, quats, scales = _with_sparse_gradients(packed, rows, means, covars, quats, scales)
@@ -377,7 +385,8 @@ def fully_fused_projection(
 
 
 def _with_sparse_gradients(packed: bool, rows: list[Tensor], *tensors: Tensor | None) -> list[Any]:
-    """Returns the tensors with sparse gradients. The first tensor is means. The caller adds the rows later."""
+    """Returns the tensors with sparse gradients. The first tensor is means. Before backward(), the caller appends the
+    indices of the rows of the gradients to `rows`."""
     if not packed:
         raise UsageError("sparse_grad=True requires packed=True")
     if isinstance(tensors[0], Tensor) and tensors[0].dim() != 2:
@@ -448,15 +457,17 @@ def rasterization(
 
     means (..., N, 3); quats (..., N, 4), w first, of any length but 0; scales (..., N, 3); opacities (..., N), 0 to 1;
     colors (..., [C,] N, D) or, with sh_degree, coefficients of spherical harmonics (..., [C,] N, K, D) or (N, K, D);
-    viewmats (..., C, 4, 4) from world to camera; Ks (..., C, 3, 3); backgrounds (..., C, D); covars (..., N, 3, 3)
-    instead of quats and scales. "..." are batch dimensions. N may be 0. extra_signals are E further channels, which are
-    passed in the same way as colors; the dictionary contains their images as render_extra_signals (..., C, height,
-    width, E). Harmonics of colors are clamped at 0, but those of extra_signals are not.
+    viewmats (..., C, 4, 4) from world to camera; Ks (..., C, 3, 3); backgrounds (..., C, D); covars (..., N, 3, 3) or
+    (..., N, 6) instead of quats and scales. "..." are batch dimensions. N may be 0. extra_signals are E further
+    channels, which are passed in the same way as colors; the dictionary contains their images as render_extra_signals
+    (..., C, height, width, E). Colours that are computed from spherical harmonics are clamped at 0, but extra_signals
+    are not.
 
-    Returns images (..., C, height, width, X), alphas (..., C, height, width, 1) and a dictionary. X is D; D + 1 in the
-    modes RGB+D and RGB+ED, whose last channel is the depth; and 1 in D and ED. The dictionary has means2d, whose
-    gradient retain_grad() keeps, radii, depths, conics and opacities. With `packed` it also has batch_ids, camera_ids
-    and gaussian_ids, which identify the Gaussian of each entry.
+    Returns images (..., C, height, width, X), alphas (..., C, height, width, 1) and a dictionary. X is D in the mode
+    RGB, 1 in the modes D and ED, and D + 1 in the modes RGB+D and RGB+ED, whose last channel is the depth. The
+    dictionary has radii, depths, conics, opacities and means2d. After means2d.retain_grad(), backward() stores the
+    gradient of means2d. With `packed`, batch_ids, camera_ids and gaussian_ids identify the Gaussian of each entry;
+    otherwise they are None.
 
     With `absgrad`, backward() stores in the attribute means2d.absgrad the sums over the pixels of the absolute values of
     their contributions to the gradient of means2d (AbsGS, Ye et al. 2024). As in gsplat, each chunk of channel_chunk
@@ -575,8 +586,9 @@ def _blended(
     pictures: list[tuple[Tensor, Tensor]], grounds: list[Tensor] | None, mode: str, values: Tensor,
     shape: tuple[int, ...],
 ) -> tuple[Tensor, Tensor]:
-    """Blends images (H, W, D) and their alphas (H, W) with backgrounds (D,). `values` (..., D) are what was rendered,
-    and `shape` is that of all images together, without channels."""
+    """Blends images (H, W, D) and their alphas (H, W) with backgrounds (D,). In the modes with ED, divides the last
+    channel, which is the depth, by alpha. `values` (..., D) is any tensor with the number of channels, the type and the
+    device of the images. `shape` is the shape of all images together, without channels."""
     if not pictures:
         return values.new_zeros((*shape, values.shape[-1])), values.new_zeros((*shape, 1))
     images, alphas = [], []
@@ -602,7 +614,8 @@ def _shaded(
     ids: tuple[Tensor, ...] | None,
     visible: Tensor,
 ) -> Tensor:
-    """Returns colours (B, C, N, D), or (nnz, D) of the chosen Gaussians, not clamped. `name` is that of the argument."""
+    """Returns the colours (B, C, N, D) of all Gaussians, or the colours (nnz, D) of the Gaussians that `ids` selects.
+    They are not clamped. `name` is the name of the argument `colors` in error messages."""
     n, flat = means.shape[-2], math.prod(batch)
     shape = _shape(colors, name, 2 if degree is None else 3)
     if degree is not None and len(shape) == 3 and batch:  # the same colours for the whole batch
@@ -628,7 +641,8 @@ def _shaded(
 def _grounds(
     backgrounds: Tensor | None, means: Tensor, batch: tuple[int, ...], cameras: int, channels: int, extra: int, mode: str
 ) -> list[Tensor] | None:
-    """Returns the background of each image. It is 0 for depths, and also for extra signals unless it is passed."""
+    """Returns the background of each image, or None if there are no backgrounds. The background of depths is 0, and so
+    is that of extra signals if `backgrounds` has no channels for them."""
     if backgrounds is None or "RGB" not in mode:
         return None
     wanted = channels - ("D" in mode)

@@ -20,7 +20,7 @@ from .rendering import _axes
 Parameters = MutableMapping[str, Any]
 Optimizers = Dict[str, Any]
 NEEDED = ("means", "scales", "quats", "opacities")
-MOST_COPIES = 51  # maximum number of copies of a Gaussian that a relocation takes into account
+MOST_COPIES = 51  # relocated() treats larger numbers of copies like this number
 
 
 @dataclass
@@ -28,7 +28,8 @@ class Strategy:
     """Base class of all strategies. It does nothing."""
 
     def check_sanity(self, params: Parameters, optimizers: Optimizers) -> None:
-        """Raises UsageError if parameters are missing, or if the optimiser of a parameter is missing."""
+        """Raises UsageError if one of the parameters NEEDED is missing, or if the optimisers do not match the trained
+        parameters: there must be one optimiser with one parameter for each of them."""
         missing = [name for name in NEEDED if name not in params]
         if missing:
             raise UsageError(f"params has no {', '.join(missing)}: a strategy needs {', '.join(NEEDED)}")
@@ -54,8 +55,9 @@ def _replace(
     params: Parameters, optimizers: Optimizers, state: Dict[str, Any], kept: Tensor, copied: Tensor,
     changed: Dict[str, Tensor],
 ) -> None:
-    """Keeps the Gaussians with the indices `kept`, and appends copies of the Gaussians with the indices `copied`. The
-    copies get the values in `changed` for the parameters that it contains. Their optimiser states are 0."""
+    """Keeps the Gaussians with the indices `kept`, and appends copies of the Gaussians with the indices `copied`. For
+    the parameters in `changed`, the copies get the values in `changed`. The optimiser states of the copies are 0. The
+    tensors in `state` are kept and copied in the same way."""
     with torch.no_grad():
         for name in list(params):
             old = params[name]
@@ -109,24 +111,26 @@ class DefaultStrategy(Strategy):
     prune_opa: float = 0.005
     """Gaussians with a lower opacity are removed."""
     grow_grad2d: float = 0.0002
-    """Mean gradient of the centre, in units of half the image size, above which a Gaussian is copied or split."""
+    """A Gaussian is copied or split if the mean length of the gradient of its centre in the image is above this value.
+    The unit of the centre is half the image size."""
     grow_scale3d: float = 0.01
-    """Largest scale of a Gaussian, relative to scene_scale, up to which it is copied. Larger Gaussians are split."""
+    """A Gaussian is copied if the largest of its scales, divided by scene_scale, is at most this value. Larger
+    Gaussians are split."""
     grow_scale2d: float = 0.05
-    """Radius in the image, relative to the larger side of the image, above which a Gaussian is split until the step
-    refine_scale2d_stop_iter."""
+    """A Gaussian is split if its radius in the image, divided by the larger side of the image, is above this value.
+    This applies before the step refine_scale2d_stop_iter."""
     prune_scale3d: float = 0.1
-    """Largest scale of a Gaussian, relative to scene_scale, above which it is removed. This applies after the first
-    reset of opacities."""
+    """A Gaussian is removed if the largest of its scales, divided by scene_scale, is above this value. This applies
+    after the first reset of opacities."""
     prune_scale2d: float = 0.15
-    """Radius in the image, relative to the larger side of the image, above which a Gaussian is removed. This applies
-    after the first reset of opacities, until the step refine_scale2d_stop_iter."""
+    """A Gaussian is removed if its radius in the image, divided by the larger side of the image, is above this value.
+    This applies after the first reset of opacities, and before the step refine_scale2d_stop_iter."""
     refine_scale2d_stop_iter: int = 0
-    """Step until which radii in the image are considered. With 0, they are never considered."""
+    """Radii in the image are considered before this step. With 0, they are never considered."""
     refine_start_iter: int = 500
     refine_stop_iter: int = 15_000
     reset_every: int = 3000
-    """Number of steps after which opacities are reset to at most twice prune_opa."""
+    """Number of steps between two resets of the opacities. A reset limits all opacities to twice prune_opa."""
     refine_every: int = 100
     pause_refine_after_reset: int = 0
     """Number of steps without refinement after each reset."""
@@ -134,8 +138,8 @@ class DefaultStrategy(Strategy):
     """Whether to use the sums of absolute gradients. These are larger, so grow_grad2d should be higher, such as 0.0008.
     Requires rasterization(..., absgrad=True)."""
     revised_opacity: bool = False
-    """Whether the two parts of a split Gaussian get lower opacities, with which they are together as opaque as the
-    Gaussian was (Rota Bulo et al. 2024)."""
+    """Whether the two parts of a split Gaussian get lower opacities, so that both parts together are as opaque as the
+    original Gaussian (Rota Bulo et al. 2024)."""
     verbose: bool = False
     key_for_gradient: str = "means2d"
 
@@ -243,13 +247,13 @@ class DefaultStrategy(Strategy):
 
 def relocated(opacities: Tensor, scales: Tensor, copies: Tensor) -> tuple[Tensor, Tensor]:
     """Computes new opacities (n,) and scales (n, 3) for Gaussians that are replaced by several copies at the same
-    position. With them, the `copies` (n,) Gaussians together look like the single Gaussian before (Kheradmand et al.
-    2024, equation 9)."""
+    position. `copies` (n,) is the number of Gaussians that replace each Gaussian. With the new values, these Gaussians
+    together look like the original Gaussian (Kheradmand et al. 2024, equation 9)."""
     number = copies.clamp(1, MOST_COPIES).double()
     before = opacities.double()
     after = 1 - (1 - before) ** (1 / number)
     total = torch.zeros_like(after)
-    chosen = torch.ones_like(after)  # binomial coefficients, number over k, which are the inner sums of the equation
+    chosen = torch.ones_like(after)  # the binomial coefficient "number choose k", the inner sum of the equation
     for k in range(1, MOST_COPIES + 1):
         chosen = chosen * (number - (k - 1)) / k
         total = total - (-1.0) ** k * chosen * after**k / k**0.5
@@ -276,7 +280,7 @@ class MCMCStrategy(Strategy):
     """Gaussians with at most this opacity are moved to the positions of others."""
     verbose: bool = False
     noise_opacity_t: float = 0.005
-    """Opacity at which the noise has half of its strength."""
+    """Opacity for which the noise has half of its strength."""
     noise_opacity_k: float = 100.0
     """How fast the noise decreases with the opacity. The noise of a Gaussian is multiplied by
     sigmoid(noise_opacity_k * (noise_opacity_t - opacity))."""

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // Implements the parts of the CUDA language and runtime that cuda_backend/ uses, so that its .cu and .cpp
-// files can be compiled unchanged with a C++ compiler and run without a GPU. Only used by tests. Every thread
-// of a block is a fibre; barriers and warp operations switch between fibres (tests/cuda/fibres.cpp). New
-// device memory is filled with NaN. A write outside of a buffer, or a barrier that not all threads reach,
-// ends the program with a message.
+// files can be compiled unchanged with a C++ compiler and run without a GPU. Only tests use this file. Every
+// thread of a block is a fibre; barriers and warp operations switch between fibres (tests/cuda/fibres.cpp).
+// New device memory is filled with NaN. A write into the guard bytes around a buffer, or a barrier that not
+// all threads reach, ends the program with a message.
 #pragma once
 
 #include <math.h>
@@ -29,7 +29,7 @@
 #define __host__
 #define __CUDA_ARCH_LIST__ 800, 900
 #define __constant__
-#define __shared__ static  // one block runs at a time
+#define __shared__ static  // sufficient, because only one block runs at a time
 #define __forceinline__ inline __attribute__((always_inline))
 #define __launch_bounds__(...)
 
@@ -192,7 +192,7 @@ struct Card {
   int driver = 0, runtime = 0, capability = 90;
   // The results of cudaGetDeviceCount(), cudaGetDeviceProperties() and cudaFuncGetAttributes().
   cudaError_t count = cudaSuccess, properties = cudaSuccess, code = cudaSuccess;
-  std::size_t used = 0;  // memory that other programs use
+  std::size_t used = 0;  // memory that other programs use [bytes]
 };
 extern Card card;
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Renders a model with one splat.
+// Renders a model with one splat, and checks that the splat is in the middle of the image.
 #include <cstdio>
 #include <ubs/ubs.hpp>
 
