@@ -197,7 +197,7 @@ ubs_status ubs_data_add_view(ubs_data* data, const char* split, const char* name
 ubs_status ubs_data_set_points(ubs_data* data, size_t count, const float* positions, const uint8_t* colours) {
   return guarded([&] {
     Dataset& set = to_change(data);
-    if (count == 0) fail(ErrorKind::usage, "the data set has no points");
+    if (count == 0) fail(ErrorKind::usage, "count is 0: pass at least one point");
     given(positions, "positions");
     PointCloud points;
     constexpr std::uint8_t kGrey = 127;  // the readers of point files use the same colour

@@ -70,8 +70,8 @@ Finding check_repeats(StageRun& run, bool backward) {
   run.run(operation);
   const std::vector<float> image = run.image(), gradient = backward ? run.gradient() : std::vector<float>{};
   run.run(operation);
-  worst.add("values of the image", differing(image, run.image()), 0);
-  if (backward) worst.add("values of the gradient", differing(gradient, run.gradient()), 0);
+  worst.add("image values that differ", differing(image, run.image()), 0);
+  if (backward) worst.add("gradient values that differ", differing(gradient, run.gradient()), 0);
   return worst.finding();
 }
 

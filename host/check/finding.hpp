@@ -9,8 +9,10 @@
 namespace ubs::check {
 
 struct Finding {
-  std::string stage, quantity;  // `quantity` is the one with the largest ratio of error to bound
-  double error = 0, bound = 0;  // `error` is infinite if a value is not finite; at most `bound` is allowed
+  // `quantity` is the one with the largest ratio of error to bound. If `error` is infinite, `quantity` is a
+  // text that states what is wrong.
+  std::string stage, quantity;
+  double error = 0, bound = 0;  // at most `bound` is allowed
   bool holds() const { return error <= bound; }
 };
 using Findings = std::vector<Finding>;
@@ -19,7 +21,11 @@ using Findings = std::vector<Finding>;
 class Worst {
  public:
   explicit Worst(std::string stage) { worst_.stage = std::move(stage); }
+  // If the error is not finite, calls refuse().
   void add(const std::string& quantity, double error, double bound);
+  // Makes the finding fail with this text, which states what is wrong. An earlier failure with a bound of 0
+  // is kept.
+  void refuse(const std::string& problem);
   const Finding& finding() const { return worst_; }
 
  private:
@@ -28,6 +34,7 @@ class Worst {
 };
 
 // Returns, for example, "projection: conic factor has an error of 1.00e-02, but at most 2.00e-05 is allowed".
+// If the bound is 0, returns, for example, "lists: wrong slots: 3 instead of 0".
 std::string text(const Finding& finding);
 
 }  // namespace ubs::check

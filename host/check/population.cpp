@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <algorithm>
 #include <cmath>
-#include <limits>
 
 #include "host/base/random.hpp"
 #include "host/check/copied_splats.hpp"
@@ -54,7 +53,7 @@ class PopulationOnDevice {
 void add_copies(Worst& worst, const Population& before, const Population& after,
                 const std::vector<std::uint32_t>& written) {
   const Copies copies = judge_copies(before, after, written);
-  if (!copies.problem.empty()) worst.add(copies.problem, std::numeric_limits<double>::infinity(), 0);
+  if (!copies.problem.empty()) worst.refuse(copies.problem);
   worst.add("opacity of copied splats", copies.opacity_error, kOpacityBound);
 }
 

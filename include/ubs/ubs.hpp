@@ -78,8 +78,8 @@ T* made(const Make& make) {
 
 inline void check_size(std::size_t size, std::size_t wanted, const char* what) {
   if (size != wanted)
-    throw Exception(UBS_ERROR_USAGE, (std::string(what) + " has " + std::to_string(size) + " values, not " +
-                                      std::to_string(wanted))
+    throw Exception(UBS_ERROR_USAGE, (std::string(what) + ": expected " + std::to_string(wanted) +
+                                      " values, not " + std::to_string(size))
                                          .c_str());
 }
 

@@ -276,7 +276,7 @@ TEST_CASE("lens: coefficients outside of a formula's domain are refused", "[lens
     return message_of([&] { make_colmap_camera("EUCM", 32, 24, {20, 20, 16, 12, alpha, beta}, "there"); });
   };
   CHECK_THAT(eucm(1.5, 1), Contains("there: EUCM with alpha = 1.5"));
-  CHECK_THAT(eucm(0.5, 0), Contains("beta must be positive") || Contains("beta must be positive"));
+  CHECK_THAT(eucm(0.5, 0), Contains("beta must be positive"));
   CHECK_THAT(message_of([&] {
                make_colmap_camera("FISHEYE", 32, 24, {20, 20, 16}, "there");
              }),

@@ -108,7 +108,6 @@ TEST_CASE("names: differences in case, Unicode form of accents and separators ar
 TEST_CASE("names: files are found by the common part of the names, and counted in a note", "[names]") {
   struct Row {
     std::vector<std::string> stated, disk;
-    std::size_t layouts = 3;
   };
   const std::vector<Row> rows{
       {{"images/a1.jpg", "images/a2.jpg"}, {"images/A1.JPG.png", "images/A1.png", "images/A2.PNG"}},

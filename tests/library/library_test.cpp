@@ -636,7 +636,7 @@ TEST_CASE("errors describe the problem") {
   check_error(UBS_ERROR_DATA, "points", [&] {
     data.set_points(std::vector<float>{0, 1, std::numeric_limits<float>::quiet_NaN()});
   });
-  check_error(UBS_ERROR_USAGE, "the positions has 4 values, not 3", [&] {
+  check_error(UBS_ERROR_USAGE, "the positions: expected 3 values, not 4", [&] {
     data.set_points(std::vector<float>{0, 1, 2, 3});
   });
 

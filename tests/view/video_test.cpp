@@ -8,7 +8,6 @@
 #include <catch2/catch.hpp>
 #include <opencv2/videoio.hpp>
 
-#include "host/data/video.hpp"
 #include "host/data/video_writer.hpp"
 #include "tests/support/images.hpp"
 #include "tests/support/set_variable.hpp"
