@@ -81,8 +81,8 @@ struct RasterKernels {
 struct WeightKernels {
   Kernel<MeasureWeightsKernel> measure;
 };
-// These functions return kernels of the default variant. Kernels whose function ends in _depth also write the
-// depth image, and those whose function ends in _plain do not.
+// These functions return kernels of the default variant. The kernels that raster_kernels_depth() returns also
+// write the depth image. Functions named ..._plain return kernels that do not.
 RasterKernels raster_kernels_plain();
 RasterKernels raster_kernels_depth();
 WeightKernels weight_kernels_plain();

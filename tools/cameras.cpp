@@ -206,8 +206,8 @@ std::string pictures_text(const CamerasOptions& options, const Places& places) {
   return text;
 }
 
-// Returns the files to delete because they were made from other images. COLMAP would also use the images that
-// an old database contains.
+// Returns the files of earlier runs with other images or another lens model. They must be deleted, because
+// COLMAP would also use the images that an old database contains.
 std::vector<fs::path> stale_files(const CamerasOptions& options, const Places& places) {
   const fs::path print = places.work / "pictures.txt";
   if (!path_exists(print) || read_text_file(print) == pictures_text(options, places)) return {};
@@ -219,7 +219,8 @@ void prepare_work(const CamerasOptions& options, const Places& places, const std
   const fs::path print = places.work / "pictures.txt";
   for (const fs::path& file : {places.database, places.list})
     if (!path_exists(print) && path_exists(file))
-      fail(ErrorKind::usage, "{}: this folder was not created by ubs: move it elsewhere", file.string());
+      fail(ErrorKind::usage, "{}: this file was not created by ubs: move the folder {} elsewhere",
+           file.string(), places.work.string());
   for (const fs::path& file : stale) remove_path(file);
   write_file_atomically(print, pictures_text(options, places));
   std::string names;

@@ -543,9 +543,9 @@ Command add_convert(CLI::App& root) {
                       "view directions [mean]")
           ->check(CLI::IsMember({"mean", "weighted", "max"}))
           ->type_name("RULE");
-  app->add_option(
-         "--data", options->data,
-         "data folder to measure the quality on; view directions are averaged over its training cameras")
+  app->add_option("--data", options->data,
+                  "data folder to measure the quality on; a shape or opacity that depends on the view "
+                  "direction is averaged over its training cameras")
       ->type_name("DIR");
   options->split_option =
       app->add_option("--split", options->split, "split to measure the quality on [test]")->type_name("NAME");

@@ -290,7 +290,8 @@ ReportViewer viewer_if_packed(ReportRun& run, const LoadedModel& loaded,
   } catch (const Error& error) {
     if (error.kind() != ErrorKind::usage && error.kind() != ErrorKind::memory) throw;
     run.record.remarks.push_back(fmt::format(
-        "the page has no interactive model ('ubs web' has options to create one): {}", error.what()));
+        "the page has no interactive model, because: {}. The options of 'ubs web' can create a page with one",
+        error.what()));
     return {};
   }
 }

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// These functions create inputs for the image metrics, for the device check and for tests. The inputs are
-// pairs of random images, in host memory and on a device, and random weights of small networks.
+// The device check and tests use these functions to create inputs of the image metrics: pairs of random
+// images, in host memory and on a device, and random weights of small networks.
 #pragma once
 
 #include <fmt/format.h>

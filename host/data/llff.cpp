@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // load_llff() loads LLFF folders and N3V folders. An LLFF folder contains poses_bounds.npy with one row per
 // image, and the images in the folder images/. An N3V folder contains poses_bounds.npy with one row per
-// camera, and for each camera a video, or a folder of frames whose name starts with "cam". The views of the
-// first camera of an N3V folder are the test views.
+// camera, and for each camera either a video or a folder of frames. The names of these videos and folders
+// start with "cam". The views of the first camera of an N3V folder are the test views.
 //
 // A row consists of a 3x5 matrix, row-major, and the two depth bounds. The columns of the matrix are the
 // directions down, right and back, the position in the world, and (height, width, focal length) of the
@@ -110,8 +110,7 @@ std::vector<int> chosen_frames(const std::vector<Sequence>& cameras, const Datas
        f += std::max(1, options.read.frames.step))
     frames.push_back(f);
   if (frames.empty())
-    fail(ErrorKind::data,
-         "{}: no frame is selected: there are only {} frames, but the first selected frame is {}",
+    fail(ErrorKind::data, "{}: there are only {} frames, but 'frames' starts at frame {}",
          least->path.string(), available, options.read.frames.first);
   if (available < wanted)
     report.note(fmt::format("{} has {} frames, but {} has {}: frames from {} on are not used",

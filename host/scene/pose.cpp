@@ -46,8 +46,8 @@ Quaternion slerp(const Quaternion& a, const Quaternion& b, double s) {
   return unit({from * a.w + to * b.w, from * a.x + to * b.x, from * a.y + to * b.y, from * a.z + to * b.z});
 }
 
-// The largest of the four components is computed from the diagonal, and the others by a division by this
-// component. This avoids cancellation.
+// Each branch computes the quaternion times four times its largest component, whose square is computed from
+// the diagonal. unit() removes this factor. Choosing the largest component avoids cancellation.
 Quaternion quaternion(const std::array<double, 9>& m) {
   const double w = 1 + m[0] + m[4] + m[8], x = 1 + m[0] - m[4] - m[8], y = 1 - m[0] + m[4] - m[8],
                z = 1 - m[0] - m[4] + m[8];  // four times the squares of the components

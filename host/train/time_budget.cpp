@@ -15,8 +15,7 @@ namespace {
 
 constexpr int kSamples = 400;          // number of parts of the work whose time is computed separately
 constexpr double kMinStepShare = 0.1;  // minimum time of a step, as a share of fixed_ms
-// Minimum and maximum of the ratio of the speed after a point to the speed before it. The speed is the number
-// of iterations for the whole work.
+// At a point, the number of iterations for the whole work is multiplied by a factor between these two.
 constexpr double kLeastChange = 0.5, kMostChange = 1.5;
 constexpr double kFresh = 0.5;  // weight of the latest measurement in slowness_
 // The distance between two points is 1/kPoints of the iterations of the whole run, but at least log_every. If
@@ -27,8 +26,8 @@ constexpr double kCooldownShare = 0.1, kLeastCooldown = 5, kMostCooldown = 60;
 // Minimum of the time for the rest of a run whose budget was changed, relative to the time of its camera
 // sweeps. Less time would leave too few iterations between the sweeps.
 constexpr double kSweepTimes = 2;
-// Growth ends when the number of splats exceeds this multiple of the number that the current number of
-// iterations can train.
+// A run has enough iterations to train a certain number of splats. Growth ends when there are more than this
+// multiple of it.
 constexpr double kSpareSplats = 2;
 
 // Returns the number of seconds of a unit of time, or 0 if the word is not a unit. An empty word means

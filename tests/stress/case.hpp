@@ -21,8 +21,8 @@ struct Case {
   Camera camera;
   RenderSettings settings;
   bool query_grad = false;
-  // True if values at thresholds are exact in single precision, so that no pixel must be excluded as
-  // undecided.
+  // True if all values that are compared with thresholds are exact in single precision. Then rounding cannot
+  // change which side of a threshold a value is on, and all pixels are compared.
   bool exact = false;
 };
 

@@ -404,7 +404,8 @@ class Run(Case):
             before = self.starts()
             self.assertEqual(self.table("--resume")["cube"]["metrics"]["psnr"]["ours"], 31)
             self.assertEqual(self.starts(), before + 1)
-        # A checkpoint next to a complete metrics.json is the state before `ubs train` has written the renders.
+        # If there are both a checkpoint and a complete metrics.json, `ubs train` was killed before it had written the
+        # renders.
         put(self.results("cube") / "checkpoint.ubs", "state")
         self.table("--resume")
         self.assertIn("--resume ", self.lines("starts")[-1])
@@ -426,7 +427,7 @@ class Run(Case):
             experiment.write(path, "new")
         self.assertEqual(path.read_text(), "old")
 
-    def test_lpips_is_measured_also_of_runs_that_finished_without_it(self):
+    def test_lpips_is_also_measured_for_runs_that_finished_without_it(self):
         self.table()
         self.assertNotIn("lpips", self.lines("evals")[0])
         text = (self.folder / "out/e/table.md").read_text()
@@ -461,7 +462,7 @@ class Run(Case):
         self.assertEqual((runs["cube"]["state"], runs["sphere"]["state"]), ("failed", "done"))
         self.assertIn("a.toys.cube", runs["cube"]["reason"])
 
-    def test_an_interruption_ends_the_running_training_in_order_and_can_be_resumed(self):
+    def test_an_interruption_stops_the_training_cleanly_and_it_can_be_resumed(self):
         # The next run resumes the training from its checkpoint. If the resumed training fails, as with the behaviour
         # `full`, the checkpoint remains.
         for number, following, code in ((signal.SIGINT, "train", 0), (signal.SIGTERM, "full", 3)):
@@ -489,7 +490,7 @@ class Run(Case):
                     self.table("--resume", "--set", "iterations=401")
                     self.assertIn("--out ", self.lines("starts")[-2])
 
-    def test_tables_have_differences_means_over_the_same_scenes_and_what_is_missing(self):
+    def test_tables_show_differences_and_means_over_the_same_scenes_and_list_missing_results(self):
         table = self.table("--scale-down", "1")
         text, csv = [(self.folder / f"out/e/table.{suffix}").read_text() for suffix in ("md", "csv")]
         means = table["mean"]["metrics"]

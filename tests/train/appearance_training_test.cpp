@@ -80,7 +80,7 @@ TEST_CASE("appearance: the views of a wide image share one set of parameters", "
   }
 }
 
-TEST_CASE("appearance: the fit finds the colour map of an image, and sets all other parameters to 0",
+TEST_CASE("appearance: the fit finds the colour map of an image; parameters that no pixel determines are 0",
           "[appearance]") {
   RenderedView view{64, 8, {}, {}, {}};
   PhotographPixels photograph{std::vector<std::uint8_t>(3 * 512), std::vector<std::uint8_t>(512, 1)};

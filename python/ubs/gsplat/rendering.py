@@ -155,7 +155,8 @@ def spherical_harmonics(
 
 
 def _axes(quats: Tensor, scales: Tensor) -> Tensor:
-    """Returns rotation times scales (3, 3, B, N), from quats (B, N, 4), w first, not 0, and scales (B, N, 3)."""
+    """Returns rotation matrices times scales (3, 3, B, N). quats (B, N, 4) begin with w, and must not have the length
+    0. scales are (B, N, 3)."""
     w, x, y, z = torch.nn.functional.normalize(quats, dim=-1).unbind(-1)
     columns = [
         (1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)),
@@ -353,8 +354,8 @@ def fully_fused_projection(
 ) -> tuple[Any, ...]:
     """Projects Gaussians into the images of cameras with viewmats (..., C, 4, 4) and Ks (..., C, 3, 3).
 
-    The Gaussians have means (..., N, 3), and either covars or quats (..., N, 4) and scales (..., N, 3). covars are
-    (..., N, 6), the upper triangle, or (..., N, 3, 3).
+    The Gaussians have means (..., N, 3), and either covars or quats (..., N, 4) and scales (..., N, 3). covars
+    have the shape (..., N, 3, 3), or (..., N, 6) with only the upper triangles.
 
     Returns radii (..., C, N, 2), means2d (..., C, N, 2), depths (..., C, N), conics (..., C, N, 3) and compensations
     (..., C, N), which are None without calc_compensations. With `packed`, the results only contain the nnz pairs of a
@@ -469,11 +470,11 @@ def rasterization(
     gradient of means2d. With `packed`, batch_ids, camera_ids and gaussian_ids identify the Gaussian of each entry;
     otherwise they are None.
 
-    With `absgrad`, backward() stores in the attribute means2d.absgrad the sums over the pixels of the absolute values of
-    their contributions to the gradient of means2d (AbsGS, Ye et al. 2024). As in gsplat, each chunk of channel_chunk
-    channels is summed separately. With more than 3 channels, channel_chunk must be at most 3, unless no gradients are
-    recorded. With `sparse_grad`, which requires `packed`, the gradients of means, quats, scales and covars are sparse
-    tensors (COO) of the Gaussians that are in an image.
+    Each pixel contributes to the gradient of means2d. With `absgrad`, backward() also stores the sums of the absolute
+    values of these contributions in the attribute means2d.absgrad (AbsGS, Ye et al. 2024). As in gsplat, each chunk of
+    channel_chunk channels is summed separately. With more than 3 channels, channel_chunk must be at most 3, unless no
+    gradients are recorded. With `sparse_grad`, which requires `packed`, the gradients of means, quats, scales and
+    covars are sparse tensors (COO) of the Gaussians that are in an image.
 
     channel_chunk, segmented and tile_size determine how gsplat divides its work; they have no effect on pixels.
     `device`, which gsplat does not have, is the ubs device that renders: a number, "gpu", or a part of a name."""
@@ -553,7 +554,7 @@ def rasterization(
     if absgrad:
         recorded = torch.is_grad_enabled() and any(t.requires_grad for t in (means2d, factor, values, strength))
         if recorded and values.shape[-1] > 3 and channel_chunk > 3:
-            raise UsageError(f"absgrad=True with {values.shape[-1]} channels, depth included, requires channel_chunk=3")
+            raise UsageError(f"absgrad=True with {values.shape[-1]} channels requires channel_chunk of at most 3")
         means2d.absgrad = means2d.new_zeros(means2d.shape)
     grounds = _grounds(backgrounds, means, batch, cameras, values.shape[-1], extra, render_mode)
 
