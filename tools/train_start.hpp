@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // Start contains the inputs of a training run: settings, data and output folder. It is made from the options
-// of `ubs train`, or from the checkpoint of a run to resume, which must have the same data, device and
-// settings. `ubs plan` uses it to determine the settings of a new run.
+// of `ubs train`, or from the checkpoint of a run that is resumed. The options must then agree with the data,
+// the device (except with --any-device) and the settings of that run. `ubs plan` uses it to determine the
+// settings of a new run.
 #pragma once
 
 #include <filesystem>

@@ -22,8 +22,9 @@ bool has_effect(std::string_view key, ubs_use use) {
       return is_used(key, kOfDrawing) || is_form(key);
     case UBS_USE_RENDERER:
       return is_used(key, kOfKernels | kOfDrawing) || key == "raster";
-    // Except for eval_every and on_nan, a trainer ignores the settings that can be changed when a run is
-    // resumed, because the caller saves the results, and because the data have been read already.
+    // The settings that may change when a run is resumed concern the reading of data, measurements and output
+    // files. A trainer ignores them, because the data have been read already and the caller saves the
+    // results. The exceptions are eval_every and on_nan.
     case UBS_USE_TRAINER:
       return !is_used(key, kFreeOnResume) || key == "eval_every" || key == "on_nan";
   }

@@ -17,9 +17,9 @@
 namespace ubs {
 
 // Moves the training split out of `data` and returns it. Throws an error unless every view has an image and
-// the query values that N dimensions need. If the cameras of a static scene will be refined, aligns them.
-// Chooses the settings `dim`, `unit`, `background` and `random_background` if they are automatic, and adds
-// notes about the choices to the report of the data.
+// the query values that N dimensions need. If the settings request refined cameras and the scene is static,
+// first corrects the camera poses (align_cameras.hpp). Chooses the settings `dim`, `unit`, `background` and
+// `random_background` if they are automatic, and adds notes about the choices to the report of the data.
 // `begins` says whether the training starts with a new model. If so, the function adds points that it
 // triangulates from the images of a static scene. It also adds a note if cap_max reduces the number of
 // points, or, if there are no points, a note about the positions of the initial splats. If `begins` is false,

@@ -36,8 +36,8 @@ void prove(const DeviceInfo& info, std::size_t index, const Subject& subject, co
   }
   if (!verdict->right)
     fail(ErrorKind::faulty,
-         "{} computes wrong results for {}: {}: use another device or driver ('ubs devices --check' checks "
-         "again, UBS_CHECK=off uses the device anyway)",
+         "{} computes wrong results (variant {}; {}). Use another device or driver. 'ubs devices --check' "
+         "repeats the check; UBS_CHECK=off uses the device anyway",
          describe(info), verdict->form, verdict->problem);
 }
 

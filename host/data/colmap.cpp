@@ -172,7 +172,9 @@ fs::path find_colmap_model(const fs::path& data, const std::string& name, LoadRe
   }
   std::size_t chosen = static_cast<std::size_t>(std::ranges::max_element(counts) - counts.begin());
   if (name != "auto") {
-    const auto named = std::ranges::find_if(models, [&](const fs::path& m) { return m.filename() == name; });
+    const auto named = std::ranges::find_if(models, [&](const fs::path& m) {
+      return m.filename() == name || m.lexically_relative(data) == name;
+    });
     if (named == models.end())
       fail(ErrorKind::usage, "{}: there is no COLMAP model '{}': choose one of {} with --colmap-model",
            data.string(), name, fmt::join(words, ", "));

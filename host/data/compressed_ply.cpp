@@ -158,9 +158,13 @@ ImportedSplats read_compressed_ply(const std::filesystem::path& path) {
   if (header.elements[0].name != "chunk" || header.elements.size() < 2 || &header.elements[1] != vertex ||
       header.elements.size() != (sh ? 3u : 2u))
     fail(ErrorKind::data, "{}: expected the elements chunk, vertex and, optionally, sh", name);
-  if (header.elements[0].count < (vertex->count + kChunk - 1) / kChunk || (sh && sh->count != vertex->count))
-    fail(ErrorKind::data, "{}: {} chunks and {} rows of sh do not match {} splats", name,
-         header.elements[0].count, sh ? sh->count : 0, vertex->count);
+  if (const std::size_t chunks = header.elements[0].count, least = (vertex->count + kChunk - 1) / kChunk;
+      chunks < least)
+    fail(ErrorKind::data, "{}: the file has {} chunks, but {} splats need at least {}", name, chunks,
+         vertex->count, least);
+  if (sh && sh->count != vertex->count)
+    fail(ErrorKind::data, "{}: the element sh has {} rows, but there are {} splats", name, sh->count,
+         vertex->count);
   const Chunks chunks = read_chunks(stream, header.elements[0], name);
   std::array<std::size_t, 4> words{};
   constexpr const char* kWords[4] = {"packed_position", "packed_rotation", "packed_scale", "packed_color"};

@@ -149,7 +149,7 @@ std::vector<std::ptrdiff_t> best_along_lines(const Corners& from, const Corners&
   const Vec3 base = a.centre() - b.centre();
   band *= to.pixel();
   for (std::size_t i = 0; i < from.rays.size(); ++i) {
-    // Compute the epipolar line. On this line, the image of b intersects the plane that contains the ray and
+    // Compute the epipolar line, in which the image plane of b intersects the plane that contains the ray and
     // both camera centres.
     const Vec3 n = rotated(b.rotation, cross(base, from.rays[i]));
     Vec3 line{n[0] / b.fx, n[1] / b.fy, n[2] - n[0] * b.cx / b.fx - n[1] * b.cy / b.fy};

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // exact_model() converts third-party splats to a model of the variant that they were trained with, and
-// to_imported_splats() converts such a model back. Gaussians, or Beta splats of DBS, with quaternions and
-// spherical harmonics are a variant of the method (docs/variants.md). So the conversions change the rendered
-// image only by rounding, unless the spherical harmonics have degree 4.
+// to_imported_splats() converts such a model back. Gaussians with quaternions and spherical harmonics,
+// and the Beta splats of DBS, are variants of the method (docs/variants.md). So the conversions change the
+// rendered image only by rounding, unless the spherical harmonics have degree 4.
 #pragma once
 
 #include "host/data/imported_splats.hpp"

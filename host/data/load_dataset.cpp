@@ -52,8 +52,9 @@ LoadedScene load_blender(const fs::path& folder, const DatasetOptions& options) 
          "{}: this folder contains no transforms_train.json, transforms_val.json or transforms_test.json",
          folder.string());
   if (scene.splits.empty() || std::ranges::find(empty, "train") != empty.end())
-    fail(ErrorKind::data, "{}: {}; copy the images there or correct 'file_path'", folder.string(),
-         scene.report.notes.front());
+    fail(ErrorKind::data,
+         "{}: {}; copy the images to the places that 'file_path' states, or correct 'file_path'",
+         folder.string(), scene.report.notes.front());
   const fs::path points = folder / "points3d.ply";
   if (path_exists(points)) take_points(DataRoot(folder, options.read.allow_outside).check(points), scene);
   return scene;
@@ -74,7 +75,8 @@ double length_of(const std::array<double, 3>& v) { return std::hypot(v[0], v[1],
 // files. The assumed rounding error is kPositionRounding times the distance from the origin. It is at least
 // kLeastRounding, because this product would be too small near the origin. If the data are in kilometres,
 // kLeastRounding is a hundredth of a millimetre. The assumed rounding error is at most kMostRounding, because
-// georeferenced data, which are far from the origin, have enough digits to distinguish such positions.
+// georeferenced data, which are far from the origin, have enough digits to distinguish positions that are
+// farther apart than this.
 constexpr double kPositionRounding = 1e-7, kLeastRounding = 1e-8, kMostRounding = 1e-4;
 
 // Returns whether all cameras have the same position. This must be decided before the offset is subtracted:

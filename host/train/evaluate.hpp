@@ -95,9 +95,10 @@ void measure_from(Device& device, Stages& stages, Renderer& renderer, std::span<
                   const std::vector<Camera>& cameras, TargetImages& targets, std::uint32_t first_target,
                   Metrics& metrics);
 
-// This overload of evaluate() is for several ranks. Each rank measures some of the views, and all ranks
-// return the same result. `draw` renders a view with the renderer. All ranks call it the same number of
-// times. If a rank has fewer views than others, it also calls `draw` with an index after the last view.
+// In this overload of evaluate(), the caller renders the views: `draw` renders a view with the renderer. With
+// several ranks, each rank measures some of the views, and all ranks return the same result. All ranks call
+// `draw` the same number of times. If a rank has fewer views than others, it also calls `draw` with an index
+// after the last view.
 using DrawView = std::function<void(std::size_t view)>;
 Metrics evaluate(Device& device, Stages& stages, Renderer& renderer, const DrawView& draw,
                  Communicator& ranks, const std::vector<View>& views, TargetImages& targets,

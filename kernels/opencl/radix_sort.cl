@@ -38,8 +38,9 @@ __kernel __attribute__((reqd_work_group_size(kGroup, 1, 1))) void radix_rows(
   if (me == 0) totals[get_group_id(0)] = running;
 }
 
-// Moves the elements to their places in the output. `offsets` and `totals` are results of radix_rows. Only the digits
-// and places are sorted in local memory; keys and values are then read from the block, which is still in the cache.
+// Moves the elements to their places in the output. `offsets` and `totals` are results of radix_rows. In local memory,
+// only the digits are sorted, each together with the index of its element in the block. Keys and values are then read
+// from the input, whose block is still in the cache.
 // values2 and values2_out are optional: either both of them are set, or both are null.
 __kernel __attribute__((reqd_work_group_size(kGroup, 1, 1))) void radix_scatter(
     __global const uint* keys, __global const uint* values, __global const uint* values2, uint most,

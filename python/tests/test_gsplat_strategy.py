@@ -38,8 +38,8 @@ def learnt(count: int, dictionary: Any = dict) -> Maker:
 
 
 def moments(params: Any, optimizers: Any, name: str = "means") -> Any:
-    """Returns for each Gaussian the number of the Gaussian to which its moments belong, or 0 if its moments are 0. Also
-    checks that the optimisers contain these parameters."""
+    """Returns for each Gaussian 1 + the index of the Gaussian to which its moments belong, or 0 if its moments are 0.
+    Also checks that the optimisers contain these parameters."""
     for key, optimizer in optimizers.items():
         assert optimizer.param_groups[0]["params"][0] is params[key] and set(optimizer.state) == {params[key]}
         assert all(v.shape == params[key].shape for k, v in optimizer.state[params[key]].items() if k != "step")

@@ -101,6 +101,7 @@ TEST_CASE("colmap: if there are several models, the largest or the requested one
   };
   CHECK(views("auto") == 10);
   CHECK(views("2") == 10);
+  CHECK(views("sparse/2") == 10);
   CHECK(views("0") == 1);
   CHECK_THAT(message_of([&] { views("7"); }, ErrorKind::usage),
              Contains("there is no COLMAP model '7'") && Contains("--colmap-model"));

@@ -48,7 +48,8 @@ class Row {
   std::array<std::size_t, kOutcomes> outcomes_{};
   std::size_t cases_ = 0;
   double value_error_ = 0, gradient_error_ = 0;  // largest errors of the decided cases
-  // For each known limit, the largest (gradient error - error allowed without the limit) / rounding.
+  // For each known limit (known_limits.hpp): the largest excess of a gradient error over the error that is
+  // allowed without the limit, divided by Verdict::rounding.
   std::map<std::string, double> limit_factors_;
 };
 

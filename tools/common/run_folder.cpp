@@ -158,9 +158,10 @@ std::string RunFolder::first_row() const { return first_row_of(rows_); }
 void RunFolder::check_same_run(const Checkpoint& checkpoint, const fs::path& from) const {
   const auto refuse = [&](const fs::path& file, const std::string& why) {
     fail(ErrorKind::data,
-         "{}: belongs to another run than {} in the same folder ({}): move it into the folder of its run, or "
-         "delete that file",
-         from.string(), file.filename().string(), why);
+         "{0}: belongs to another run than {1} in the same folder ({2}): move {3} into the folder of its "
+         "run, or "
+         "delete {1}",
+         from.string(), file.filename().string(), why, from.filename().string());
   };
   if (path_exists(log_file())) {
     const std::string row = first_row_of(read_text_file(log_file()));

@@ -16,7 +16,7 @@ ServeOptions::ServeOptions(CLI::App& app) {
                 ->type_name("[PORT]");
   app.add_option(
          "--serve-host", address_.host,
-         "address to listen on; requests from other machines need the token that is printed [127.0.0.1]")
+         "address to listen on [127.0.0.1]; requests from other machines need the token that is printed")
       ->needs(option_)
       ->type_name("HOST");
 }

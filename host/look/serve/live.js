@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // This is the script of the page that shows a live training or model. The page controls the camera, and the
-// server renders the images. The page requests one image at a time; when it has arrived, it requests the next
-// one from the newest camera. While the camera moves, images have as many pixels as the server can render a few
-// times per second. When it is at rest, images have as many pixels as the server can render within 5 seconds.
+// server renders the images. The page requests one image at a time. When the image has arrived and another one
+// is needed, the page requests it for the newest camera. While the camera moves, images have as many pixels as the
+// server can render a few times per second. When it is at rest, images have as many pixels as the server can
+// render within 5 seconds.
 'use strict';
 
 const MOVING_SECONDS = 0.25, REST_SECONDS = 5, REST_MS = 400, REFRESH_MS = 1000, MAX_PIXELS = 1 << 21;
