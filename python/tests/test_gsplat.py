@@ -711,7 +711,7 @@ def test_absgrad_without_recorded_gradients_takes_any_channels() -> None:
     learnt = {name: value.clone().requires_grad_() for name, value in s.items()}
     with torch.no_grad():
         assert torch.equal(rasterization(**learnt, **size, absgrad=True)[0], expected)
-    with pytest.raises(ubs.UsageError, match="channel_chunk=3"):
+    with pytest.raises(ubs.UsageError, match="channel_chunk of at most 3"):
         rasterization(**learnt, **size, absgrad=True)
 
 

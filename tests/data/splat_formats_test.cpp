@@ -122,7 +122,7 @@ TEST_CASE("formats: GLB preserves values up to the precision of float32, and the
     bytes.replace(bytes.find(from), from.size(), to);
     return message_of([&] { parse_glb(std::as_bytes(std::span(bytes)), "b.glb"); });
   };
-  CHECK_THAT(changed("\"count\":70", "\"count\":79"), Contains("b.glb: accessor 0 extends beyond"));
+  CHECK_THAT(changed("\"count\":70", "\"count\":79"), Contains("b.glb: accessor 0 does not fit into the file"));
   CHECK_THAT(changed("\"ellipse\"", "\"ellipsx\""), Contains("kernel 'ellipsx'"));
   CHECK_THAT(changed("splatting:OPACITY", "splatting:OPACITx"), Contains("OPACITY is missing"));
   CHECK_THAT(changed("\"translation\":[100.0,2.5,-7.0]", "\"scale\":[1,1,2]               "),
