@@ -5,6 +5,7 @@
 #include <pthread.h>
 #include <unistd.h>
 
+#include <array>
 #include <atomic>
 #include <cerrno>
 #include <csignal>
@@ -21,8 +22,21 @@ namespace {
 
 std::atomic<bool> watches{true};
 std::atomic<const char*> watched_now{nullptr};
-pthread_t caller;  // the thread that calls drivers
+// A copy of the text at watched_now. A thread of the driver reads the copy, because the string itself may be
+// destroyed meanwhile, if the caller leaves its DriverWatch.
+constexpr std::size_t kLongest = 255;
+using Text = char[kLongest + 1];
+std::array<std::atomic<char>, kLongest> watched_text{};
+std::atomic<pthread_t> caller{};  // the thread that calls drivers
 struct sigaction before = {};
+
+void show(const char* what) noexcept {
+  for (std::size_t i = 0; what != nullptr && i < kLongest; ++i) {
+    watched_text[i].store(what[i], std::memory_order_relaxed);
+    if (what[i] == 0) break;
+  }
+  watched_now = what;
+}
 
 // Returns the errno with which writing to PoCL's cache fails, or 0 if it succeeds or there is no cache. This
 // and the following functions use neither locks nor the heap, because the driver may have left both in an
@@ -74,15 +88,20 @@ int cache_defect(const char* folder) {
   end(text, ErrorKind::device);
 }
 
-// Returns what the driver is processing, or null if the driver has not caused the end of the process. A
-// thread other than `caller` that ends the process belongs to the driver, because threads of ubs never do so.
-const char* driver_at_work() {
-  if (const char* what = watched_now.load()) return what;
-  return ::pthread_equal(caller, ::pthread_self()) ? nullptr : "in a thread of its own";
+// Returns what the driver is processing (in `text`), or null if the driver has not caused the end of the
+// process. A thread other than `caller` that ends the process belongs to the driver, because threads of ubs
+// never do so.
+const char* driver_at_work(Text& text) {
+  if (watched_now.load() == nullptr)
+    return ::pthread_equal(caller, ::pthread_self()) ? nullptr : "in a thread of its own";
+  for (std::size_t i = 0; i < kLongest; ++i) text[i] = watched_text[i].load(std::memory_order_relaxed);
+  text[kLongest] = 0;
+  return text;
 }
 
 void aborted(int signal) {
-  if (const char* what = driver_at_work()) report(what, "has aborted");
+  Text text;
+  if (const char* what = driver_at_work(text)) report(what, "has aborted");
   ::sigaction(signal, &before, nullptr);
   std::raise(signal);
 }
@@ -90,7 +109,8 @@ void aborted(int signal) {
 // This function is registered with atexit(). During a call of the driver, it only runs if the driver has
 // called exit().
 void left() {
-  if (const char* what = driver_at_work()) report(what, "has ended the program");
+  Text text;
+  if (const char* what = driver_at_work(text)) report(what, "has ended the program");
 }
 
 }  // namespace
@@ -109,11 +129,11 @@ DriverWatch::DriverWatch(const std::string& what) noexcept : outer_(watched_now.
     std::atexit(left);
   });
   caller = ::pthread_self();
-  watched_now = what.c_str();
+  show(what.c_str());
 }
 
 DriverWatch::~DriverWatch() {
-  if (watches) watched_now = outer_;
+  if (watches) show(outer_);
 }
 
 }  // namespace ubs::opencl

@@ -3,6 +3,7 @@
 
 #include <unistd.h>
 
+#include <atomic>
 #include <cstdint>
 #include <ctime>
 #include <string_view>
@@ -22,32 +23,43 @@ const bool hangup_ignored = [] {
   return sigaction(SIGHUP, nullptr, &found) == 0 && found.sa_handler == SIG_IGN;
 }();
 
-enum Request : std::sig_atomic_t { kNone, kComplete, kEnd };
-volatile std::sig_atomic_t request = kNone, first_completes = 0;
-volatile std::int64_t requested_at_ms = 0;
-const char* volatile last_line = "";
+// Threads of OpenCL drivers do not block signals. So the handlers can run in any thread, and in two threads
+// at the same time, for example if a signal comes while the main thread handles another one. Signal handlers
+// may use atomic objects that are lock-free.
+enum Request : std::int64_t { kNone, kComplete, kEnd };
+std::atomic<std::int64_t> last_request = kNone;  // 4 * time [ms] + Request: both change together
+std::atomic<bool> first_completes = false;
+std::atomic<const char*> last_line = "";
+static_assert(decltype(last_request)::is_always_lock_free && decltype(first_completes)::is_always_lock_free &&
+              decltype(last_line)::is_always_lock_free);
+
+Request kind_of(std::int64_t value) { return static_cast<Request>(value % 4); }
 
 // This function may only make async-signal-safe calls.
 void note(int signal) {
   timespec time = {};
   clock_gettime(CLOCK_MONOTONIC, &time);
   const std::int64_t now_ms = std::int64_t{time.tv_sec} * 1000 + time.tv_nsec / 1'000'000;
-  const std::int64_t since_ms = now_ms - requested_at_ms;
-  if (request == kNone)
-    request = first_completes && signal == SIGINT ? kComplete : kEnd;
-  else if (request == kComplete && first_completes && (signal != SIGINT || since_ms >= kSameCtrlCMs))
-    request = kEnd;
-  else {
-    if (since_ms < kSameRequestMs) return;
-    std::signal(signal, SIG_DFL);
-    raise(signal);
-    return;
-  }
-  requested_at_ms = now_ms;
+  std::int64_t earlier = last_request;
+  Request next = kNone;
+  do {
+    const std::int64_t since_ms = now_ms - earlier / 4;
+    if (kind_of(earlier) == kNone)
+      next = first_completes && signal == SIGINT ? kComplete : kEnd;
+    else if (kind_of(earlier) == kComplete && first_completes &&
+             (signal != SIGINT || since_ms >= kSameCtrlCMs))
+      next = kEnd;
+    else {
+      if (since_ms < kSameRequestMs) return;
+      std::signal(signal, SIG_DFL);
+      raise(signal);
+      return;
+    }
+  } while (!last_request.compare_exchange_weak(earlier, 4 * now_ms + next));
 }
 
 void end(int) {
-  const std::string_view line = last_line;
+  const std::string_view line = last_line.load();
   [[maybe_unused]] const ssize_t written = ::write(STDERR_FILENO, line.data(), line.size());
   ::_exit(kInterruptedExitCode);
 }
@@ -79,15 +91,15 @@ EndOnRequest::EndOnRequest(const char* line) {
 EndOnRequest::~EndOnRequest() { restore(previous_); }
 
 InterruptGuard::InterruptGuard(bool completes) {
-  request = kNone;
+  last_request = kNone;
   first_completes = completes;
   previous_ = handle_requests(note);
 }
 InterruptGuard::~InterruptGuard() { restore(previous_); }
 
-bool InterruptGuard::interrupted() const { return request != kNone; }
-bool InterruptGuard::must_end() const { return request == kEnd; }
-void InterruptGuard::loop_ended() { first_completes = 0; }
+bool InterruptGuard::interrupted() const { return kind_of(last_request) != kNone; }
+bool InterruptGuard::must_end() const { return kind_of(last_request) == kEnd; }
+void InterruptGuard::loop_ended() { first_completes = false; }
 
 bool in_foreground() { return ::tcgetpgrp(STDIN_FILENO) == ::getpgrp(); }
 
