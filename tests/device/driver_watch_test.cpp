@@ -8,12 +8,10 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
-#include <chrono>
 #include <csignal>
 #include <cstdlib>
 #include <functional>
 #include <new>
-#include <thread>
 
 #include "host/base/memory_limit.hpp"
 #include "tests/support/set_variable.hpp"
@@ -74,24 +72,6 @@ TEST_CASE("if a driver aborts, exits or throws, the message contains the operati
           driver([] {});
           std::abort();
         }).code == -1);
-}
-
-TEST_CASE("a thread of the driver can abort while the caller leaves a call") {
-  const test::Variable cache("POCL_CACHE_DIR", nullptr);
-  for (int round = 0; round < 20; ++round) {
-    const End end = end_of([] {
-      driver([] {});
-      std::thread([] {
-        std::this_thread::sleep_for(std::chrono::milliseconds(2));
-        std::abort();
-      }).detach();
-      for (;;) driver([] {});
-    });
-    INFO(end.err);
-    CHECK(end.code == 4);
-    const bool named = says(end, "has aborted (kernel 'adam_step')") || says(end, "(in a thread of its own)");
-    CHECK(named);
-  }
 }
 
 TEST_CASE("the exit code is 6 if a driver runs out of memory, and 3 if it cannot write its cache") {

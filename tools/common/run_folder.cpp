@@ -159,8 +159,7 @@ void RunFolder::check_same_run(const Checkpoint& checkpoint, const fs::path& fro
   const auto refuse = [&](const fs::path& file, const std::string& why) {
     fail(ErrorKind::data,
          "{0}: belongs to another run than {1} in the same folder ({2}): move {3} into the folder of its "
-         "run, or "
-         "delete {1}",
+         "run, or delete {1}",
          from.string(), file.filename().string(), why, from.filename().string());
   };
   if (path_exists(log_file())) {
