@@ -544,8 +544,8 @@ Command add_convert(CLI::App& root) {
           ->check(CLI::IsMember({"mean", "weighted", "max"}))
           ->type_name("RULE");
   app->add_option("--data", options->data,
-                  "data folder to measure the quality on; a shape or opacity that depends on the view "
-                  "direction is averaged over its training cameras")
+                  "data folder to measure the quality on; its training cameras are also the view directions "
+                  "over which a shape or opacity that depends on them is averaged")
       ->type_name("DIR");
   options->split_option =
       app->add_option("--split", options->split, "split to measure the quality on [test]")->type_name("NAME");

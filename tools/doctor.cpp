@@ -172,7 +172,7 @@ class Doctor {
 
   void verdict() {
     if (working_ == 0 && code_ == 0) code_ = first_failure_ ? first_failure_ : exit_code(ErrorKind::device);
-    const std::string text = code_ != 0 ? "fix the problems above before you trust results of this machine"
+    const std::string text = code_ != 0 ? "fix these problems before you trust results of this machine"
                              : problems_.empty() ? "no problems were found"
                                                  : "ubs works, but see the remarks";
     json_["problems"] = problems_;

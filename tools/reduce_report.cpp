@@ -103,11 +103,12 @@ void print_table(const ReductionReport& r) {
         fmt::format("{:+.3f} dB", s.after.psnr_channel_mean - s.before.psnr_channel_mean));
     row(s.name + " SSIM", fmt::format("{:.4f}", s.before.ssim), fmt::format("{:.4f}", s.after.ssim));
   }
-  say("lossless  {} splats not visible in any training view, {} have dimensions without effect\n",
+  say("lossless  {} splats removed (not visible in any training view), {} reduced by dimensions without "
+      "effect\n",
       after.unseen, after.inert);
   if (r.bound > 0)
-    say("lossy     weight bound {:.3g}: {} splats removed, {} reduced to fewer dimensions\n", r.bound,
-        after.dropped, after.turned_count);
+    say("lossy     {} splats removed, {} reduced to fewer dimensions (weight bound {:.3g})\n", after.dropped,
+        after.turned_count, r.bound);
 }
 
 void print_summary(const ReductionReport& r, const std::string& file) {

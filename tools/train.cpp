@@ -244,8 +244,9 @@ check::Use use_of(const TrainSettings& settings, const TrainOptions& options) {
 
 // Does the work from the last iteration to the end of the run; `write` writes all results. This work may fail
 // because the disk is full, or the process may be killed. As long as there is a checkpoint, `ubs train
-// --resume` writes the results again, so the checkpoint gets another name last. From it, the finished run can
-// be continued. If the run was completed early, it keeps the state from before the cool-down.
+// --resume` writes the results again, so the last step is to rename the checkpoint to continue.ubs. The
+// finished run can be continued from that file. If the run was completed early, continue.ubs contains the
+// state from before the cool-down, and the last step removes the checkpoint.
 void finish(RunFolder& folder, RunKeeper& keeper, const Trainer& trainer, const TrainSettings& settings,
             const std::function<void()>& write) {
   const auto& early = trainer.completed_from();
@@ -294,9 +295,9 @@ std::vector<std::uint64_t> deal_by_speed(const Start& start, Device& device, con
   return Deal(static_cast<std::uint64_t>(start.settings.batch), ranks().size(), measured).counts();
 }
 
-// Throws Error(usage) for options that a run of several ranks does not support. --budget would require that
-// the clocks of all machines agree on the speed of the run. --serve would require that one rank has the
-// complete model to show it to viewers.
+// Throws Error(usage) for options that a run of several ranks does not support. With --budget,
+// all ranks would have to measure the same speed, but each machine has its own clock. --serve would require
+// that one rank has the complete model to show it to viewers.
 void check_shared(const TrainOptions& options) {
   if (!options.start.budget.empty())
     fail(ErrorKind::usage, "--budget is not supported with several MPI processes: use --iterations");
@@ -515,8 +516,8 @@ Command add_train(CLI::App& root) {
       ->group(kRareGroup);
   add_overwrite_option(*app, options->start.overwrite);
   app->add_flag("--print-settings", options->print_settings,
-                "print all settings as a file for --spec (with --json: as JSON) without training: those "
-                "given here, and the published values for all others")
+                "do not train, but print all settings as a file for --spec, or as JSON with --json; settings "
+                "that are not given have their published values")
       ->group(kRareGroup);
   add_device_option(*app, options->device);
   app->add_option("--serve-share", options->serve_share,

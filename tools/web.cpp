@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// ubs web: writes a page that shows a model, or only the compressed model (docs/web.md).
+// ubs web: writes a page that shows a model. If the output file has the extension .ubsz, writes only the
+// compressed model (docs/web.md).
 #include <CLI/CLI.hpp>
 #include <filesystem>
 #include <memory>

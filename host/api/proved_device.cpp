@@ -11,9 +11,10 @@ namespace {
 
 check::Gate gate() {
   const auto on_check = [](const DeviceInfo& info) {
-    log_line(LogLevel::notice,
-             fmt::format("first use of {} with this driver and build: comparing its results with float64",
-                         info.name));
+    log_line(
+        LogLevel::notice,
+        fmt::format("first use of {} with this driver and build: comparing its results with float64 values",
+                    info.name));
   };
   return {build_id(), on_check, [](const std::string& text) { warn("{}", text); }};
 }

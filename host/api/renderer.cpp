@@ -328,8 +328,9 @@ ubs_status ubs_renderer_get_array(ubs_renderer* renderer, ubs_array_name name, u
     ModelSession& session = *r.session;
     const std::vector<DeviceModel>& groups = session.model().groups();
     if (group >= groups.size())
-      fail(ErrorKind::usage, "group {} does not exist: the model has {} groups of splats", group,
-           groups.size());
+      fail(ErrorKind::usage,
+           "group {} does not exist: the groups of splats of this model are numbered from 0 to {}", group,
+           groups.size() - 1);
     const DeviceModel& splats = groups[group];
     if (name == UBS_ARRAY_RGB && r.painted_over)
       fail(ErrorKind::usage,

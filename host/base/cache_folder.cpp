@@ -40,7 +40,7 @@ bool write_all(int file, const std::vector<char>& bytes) {
   return true;
 }
 
-// Returns why a file of this size cannot be written to the folder, or an empty string if it can.
+// Returns why a file of kProbeBytes cannot be written to the folder, or an empty string if it can.
 std::string write_defect(const fs::path& folder) {
   static std::atomic<unsigned> counter{0};
   const std::string file = (folder / fmt::format(".probe-{}-{}", ::getpid(), counter++)).string();

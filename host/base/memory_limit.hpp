@@ -49,8 +49,8 @@ void require_memory(std::uint64_t bytes, const std::string& what);
 // OpenCL driver.
 void check_driver_fits();
 
-// Returns a text with all limits that ends a message, for example "; limits: 512 MiB (control group), 900 MiB
-// (address space, ulimit -v)". Returns an empty text if there are no limits.
+// Returns a text that lists all limits. It is meant for the end of a message, for example "; limits: 512 MiB
+// (control group), 900 MiB (address space, ulimit -v)". Returns an empty text if there are no limits.
 std::string memory_limits_text();
 
 }  // namespace ubs

@@ -64,7 +64,8 @@ class LineReader {
     T value{};
     const auto result = std::from_chars(text.data(), text.data() + text.size(), value);
     if (result.ec != std::errc() || result.ptr != text.data() + text.size())
-      fail(ErrorKind::data, "{}: {} '{}' is not a number in range", where(), what, text.substr(0, 40));
+      fail(ErrorKind::data, "{}: {} '{}' is not a number, or is out of range", where(), what,
+           text.substr(0, 40));
     if constexpr (std::is_floating_point_v<T>)
       if (!finite_or_not && !std::isfinite(value)) fail(ErrorKind::data, "{}: {} is {}", where(), what, text);
     return value;

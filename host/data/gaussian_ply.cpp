@@ -170,8 +170,8 @@ ImportedSplats read_gaussian_ply(const fs::path& path) {
   splats.lobes = lobes_of(count_numbered(header, "sb_params_"), splats);
   splats.offset = offset_comment(header.comments, name);
   splats.antialiased = antialias_comment(header.comments, splats.report);
-  // 2DGS files have discs with two scales. If other columns are missing too, the file is not a 2DGS file, and
-  // the error message names the missing columns.
+  // 2DGS files have discs with two scales. If scale_1 or rot_3 is missing too, the file is not a 2DGS
+  // file, and the error message names the first missing column.
   const bool flat = !dbs && !header.find("scale_2") && header.find("scale_1") && header.find("rot_3");
   if (flat) splats.report.note("the file has no scale_2: its splats are flat, as in 2D Gaussian Splatting");
   Columns columns(header, name);

@@ -275,7 +275,10 @@ void PackedFile::parse(const std::string& header, std::uint64_t blocks_bytes) {
     // header, and the last block must end at the end of the file.
     if (used != blocks_bytes || end != blocks_bytes)
       throw std::runtime_error(
-          fmt::format("the header is followed by {} bytes, but its blocks have {}", blocks_bytes, used));
+          used == blocks_bytes
+              ? "blocks overlap or leave gaps"
+              : fmt::format("the header describes blocks of {} bytes, but {} bytes follow it", used,
+                            blocks_bytes));
   } catch (const std::exception& error) {  // from the JSON library, or thrown above
     fail(ErrorKind::data, "{}: the header is not valid: {}", path_.string(), error.what());
   }

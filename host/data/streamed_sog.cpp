@@ -85,7 +85,8 @@ ImportedSplats read_streamed_sog(const std::filesystem::path& path) {
       const auto end =
           std::find_if(begin, ranges.end(), [&](const LodRange& r) { return r.file != begin->file; });
       if (begin->file >= names.size())
-        fail(ErrorKind::data, "{}: a node refers to file {} of {}", name, begin->file, names.size());
+        fail(ErrorKind::data, "{}: a node refers to file {}, but only the files 0 to {} are listed", name,
+             begin->file, names.size() - 1);
       append_ranges(splats, load_sog(file_beside(path, names[begin->file])), std::span(begin, end), name);
       begin = end;
     }

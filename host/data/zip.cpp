@@ -122,10 +122,10 @@ std::vector<std::byte> ZipReader::get(const std::string& member, std::size_t mos
   in.skip(22);
   const auto text = in.read<std::uint16_t>(), extra = in.read<std::uint16_t>();
   in.skip(std::size_t{text} + extra);
-  if (m.flags & 1 || (m.method != 0 && m.method != 8))
-    fail(ErrorKind::data,
-         "{}: the file is encrypted, or compressed with method {}: only 0 and 8 are supported", name,
-         m.method);
+  if (m.flags & 1) fail(ErrorKind::data, "{}: the file is encrypted, which is not supported", name);
+  if (m.method != 0 && m.method != 8)
+    fail(ErrorKind::data, "{}: the file is compressed with method {}, but only methods 0 and 8 are supported",
+         name, m.method);
   const auto packed = in.take(m.packed);
   if (m.size / kMaxDeflateRatio > packed.size()) fail(ErrorKind::data, "{}: damaged ZIP archive", name);
   std::vector<std::byte> bytes = m.method == 0 ? std::vector<std::byte>(packed.begin(), packed.end())

@@ -157,8 +157,8 @@ inline void check_sky(const DrawSky& a) {
   if (a.sky.size < kSkyNumbers || a.image.size < 3 * a.shape.plane() ||
       a.transmittance.size < a.shape.plane() || a.cameras.size < (a.camera + std::size_t{1}) * kCameraStride)
     fail(ErrorKind::internal,
-         "sky: {} coefficients, an image of {} values or a transmittance of {} values is too small for {}x{} "
-         "pixels",
+         "sky: one of the buffers is too small: {} coefficients, {} values of the image and {} values of the "
+         "transmittance for {}x{} pixels",
          a.sky.size, a.image.size, a.transmittance.size, a.shape.width, a.shape.height);
 }
 

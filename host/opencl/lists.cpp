@@ -20,9 +20,9 @@ constexpr std::size_t kDigits = std::size_t{1} << stage_sizes::kRadixBits;
 constexpr std::size_t kSmallHistogram = std::size_t{1} << 17;
 constexpr std::uint32_t kColumnBlock = 512;  // columns of a histogram that a work-item scans
 
-// Digits contains the numbers of bits by which the passes of the depth sort order the splats on CPUs. The
-// depths of a scene differ in about 24 bits, so two passes with 12 bits each are sufficient. The measured
-// times of building the lists are, in milliseconds:
+// On CPUs, each pass of the depth sort orders the splats by one digit of their depth keys. Digits contains
+// the numbers of bits of these digits. The depths of a scene differ in about 24 bits, so two passes with 12
+// bits each are sufficient. The measured times of building the lists are, in milliseconds:
 //
 //     bits of a pass      10     11     12     13
 //     number of passes     3      3      2      2
@@ -144,9 +144,9 @@ ListTotals Lists::add_sums(std::span<const std::byte> chunks) {
   return totals;
 }
 
-// Enqueues the passes after the first one. They sort by the bits above the first digit in which the keys
-// differ. These bits are taken from key - base. The bits of the first digit are 0 in `base`, so that `key`
-// and key - base have the same first digit.
+// Enqueues the passes after the first one. They sort by those bits above the first digit that are not equal
+// in all keys. These bits are taken from key - base. The bits of the first digit are 0 in `base`, so that
+// `key` and key - base have the same first digit.
 BufferView<std::uint32_t> Lists::depth_order_by_chunks(const Job& job) {
   const std::uint32_t most = job.drawn.most, top = first_bits_;
   const std::uint32_t base = least_ >> top << top;

@@ -129,8 +129,10 @@ KernelSet& Raster::raster(bool pieces) {
 void Raster::run(const RasterForward& work) {
   check_raster(work, on_cpu(config_) ? config_.backward : work.masks.size > 0);
   if (!on_cpu(config_) && work.masks.size > 0) check_list_states(work);
-  require(work.transmittance.size >= work.shape.plane(), "the transmittance is smaller than its plane");
-  require(!config_.depth || work.depth.size >= work.shape.plane(), "the depth is smaller than its plane");
+  require(work.transmittance.size >= work.shape.plane(),
+          "the buffer of the transmittance has fewer values than the image has pixels");
+  require(!config_.depth || work.depth.size >= work.shape.plane(),
+          "the buffer of the depth has fewer values than the image has pixels");
   KernelSet& kernels = raster(false);
   const auto tiles = static_cast<std::size_t>(work.shape.tiles());
   const std::size_t parts =

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Raster runs the rasterisers, the sum over slots and the weights of splats. It launches the kernels that
-// KernelConfig::raster selects. The operations RasterForward, RasterBackward, SumSlots and MeasureWeights are
-// described in host/device/stages.hpp.
+// Raster runs the forward and the backward rasteriser, adds up the gradient slots of each splat, and measures
+// how much each splat contributes to the pixels. It launches the kernels that KernelConfig::raster selects.
+// The operations RasterForward, RasterBackward, SumSlots and MeasureWeights are described in
+// host/device/stages.hpp.
 #pragma once
 
 #include <map>

@@ -26,7 +26,8 @@ std::size_t MixedModel::parameters() const {
 const SplatModel& MixedModel::single(std::string_view what) const {
   if (mixed())
     fail(ErrorKind::usage,
-         "{}: the model contains splats of different dimensions ({}), but this command supports only one",
+         "{}: the model contains splats of different dimensions ({}), but this command only supports models "
+         "whose splats all have the same N",
          what, to_string(*this));
   return groups.front();
 }
@@ -34,8 +35,9 @@ const SplatModel& MixedModel::single(std::string_view what) const {
 std::string to_string(const MixedModel& model) {
   std::string text;
   if (!model.mixed()) return fmt::format("N = {}, {} splats", model.dim(), model.count());
-  for (const SplatModel& group : model.groups) text += fmt::format("N = {}: {}, ", group.dim, group.count);
-  return text + fmt::format("{} splats", model.count());
+  for (const SplatModel& group : model.groups)
+    text += fmt::format("{}{} with N = {}", text.empty() ? "" : ", ", group.count, group.dim);
+  return fmt::format("{} splats: {}", model.count(), text);
 }
 
 void check_groups(const MixedModel& model) {

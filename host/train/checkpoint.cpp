@@ -112,8 +112,9 @@ class Reader {
   template <typename T>
   void numbers(std::vector<T>& to, std::uint64_t count) {
     if (count > rest_.size() / sizeof(T))
-      fail(ErrorKind::data, "{}: truncated checkpoint: expected {} numbers, but only {} bytes are left",
-           name_, count, rest_.size());
+      fail(ErrorKind::data,
+           "{}: truncated checkpoint: {} numbers of {} bytes are expected, but only {} bytes are left", name_,
+           count, sizeof(T), rest_.size());
     to.resize(count);
     const auto piece = bytes(count * sizeof(T));
     if (count > 0) std::memcpy(to.data(), piece.data(), piece.size());

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // This file contains the kernels project_forward and project_backward. Each of them does the conditioning and the
-// projection of splats, or computes their derivatives, in one pass. One work-item processes UBS_VW consecutive splats
-// with the functions of kernels/math/splat.h. Parameters are stored row by row, with one row for each parameter of all
-// splats; records are stored splat by splat.
+// projection of splats, or computes their derivatives, in one pass. One work-item processes one or several blocks of
+// UBS_VW consecutive splats with the functions of kernels/math/splat.h. Parameters are stored row by row, with one row
+// for each parameter of all splats; records are stored splat by splat.
 
 // SplatsInView holds the arguments that all kernels of this file have in common. Splat i has record first_record + i,
 // because groups of splats with different numbers of dimensions share one buffer of records.
@@ -142,7 +142,8 @@ UBS_FN void project_block(CameraView cam, SplatRaw raw, Sight sight, int thin, u
   store_pairs(tx0 | (tx1 << 16), ty0 | (ty1 << 16), tile_rects + 2 * (size_t)to);
 }
 
-// Processes all items of the work-item, so that values that the items share are computed only once.
+// An item is a block of UBS_VW splats. If the work-groups are divided among the cores (opencl/core_groups.h), a
+// work-item processes several items. The values that they share are then computed only once.
 UBS_FN void project_forward_items(uint item, SplatsInView view, UBS_GLOBAL real* records,
                                   UBS_GLOBAL uint* depth_keys, UBS_GLOBAL uint* tile_rects,
                                   UBS_GLOBAL uint* tile_counts) {

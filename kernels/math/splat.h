@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// splat.h contains all computations for one splat in one view. splat_image() computes the values that the rasteriser
-// needs from the raw parameters, and splat_vjp() computes the gradient of the raw parameters from the gradient of these
+// splat.h contains all computations for one splat in one view. splat_image() computes, from the raw parameters, the
+// values that the rasteriser needs. splat_vjp() computes the gradient of the raw parameters from the gradient of these
 // values. They combine the functions of covariance.h, conditional.h (or direct.h), projection.h and colour.h. UBS_N
 // (kernels/layout.h) sets the number of dimensions N, and the macros of kernels/variant.h select the variant of the
 // method.
@@ -15,7 +15,7 @@ typedef struct {
   ConicFactor conic;
   vreal opacity, beta;   // conditioned opacity; exponent of the spatial kernel
   vreal r, g, b;
-  vreal reach;           // r at which the footprint ends
+  vreal reach;           // squared distance at which the footprint ends (reach.h)
   vreal hx, hy;          // half extents of the footprint [px], with the rounding margin
   vmask valid;           // true if the splat is visible, provided that its footprint meets the image
 } SplatImage;
@@ -111,8 +111,9 @@ UBS_FN vreal splat_query_entry(SplatRaw raw, int row, int j) {
 }
 
 // Returns the scales of skew_nd after raising them to their lower bounds. The scale of a query column is at least
-// UBS_QUERY_SCALE_LEAST times the rest of its row of (I + A) diag(s). A spatial scale is at least
-// UBS_SKEW_MOTION_RELATIVE times the query columns of its row. In both rules, s are the scales before they are raised.
+// UBS_QUERY_SCALE_LEAST times the length of the rest of its row of (I + A) diag(s). A spatial scale is at least
+// UBS_SKEW_MOTION_RELATIVE times the length of the query columns of its row. In both rules, s are the scales before they
+// are raised.
 #define UBS_SKEW_LEAST(row) ((row) < 3 ? UBS_SKEW_MOTION_RELATIVE : UBS_QUERY_SCALE_LEAST)
 UBS_FN FrameVec skew_scales(SplatRaw raw, FrameVec scale) {
   FrameVec out = scale;
@@ -397,8 +398,8 @@ UBS_FN SplatImage splat_image(SplatRaw raw, SplatState s) {
   out.reach = UBS_OPACITY_EXTENTS ? splat_reach(out.opacity, out.beta) : (vreal)(UBS_SUPPORT);
   out.hx = ubs_sqrt(out.reach * s.projected.ellipse.cov.a) + (vreal)(UBS_FOOTPRINT_MARGIN);
   out.hy = ubs_sqrt(out.reach * s.projected.ellipse.cov.c) + (vreal)(UBS_FOOTPRINT_MARGIN);
-  // A splat with an opacity of exactly zero renders nothing and has no gradient. This happens by underflow if the query
-  // is far from the query mean of the splat.
+  // A splat whose opacity is at most UBS_ALPHA_MIN renders nothing and has no gradient. If UBS_ALPHA_MIN is 0, this
+  // only happens by underflow, when the query is far from the query mean of the splat.
   out.valid = s.projected.valid & (out.opacity > (vreal)(UBS_ALPHA_MIN));
   out.valid = out.valid & (out.reach > V(0.0)) & ubs_finite(out.beta) & ubs_finite(out.conic.l00) &
               ubs_finite(out.conic.l01) & ubs_finite(out.conic.l11) & ubs_finite(out.r + out.g + out.b);

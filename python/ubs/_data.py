@@ -278,7 +278,7 @@ class Dataset(_abi.Handle):
             raise UsageError("colours require points")
         for number in held_out:
             if number not in range(count):
-                raise UsageError(f"test: view {number} does not exist, there are {count} views")
+                raise UsageError(f"test: view {number} does not exist: the views are numbered from 0 to {count - 1}")
         data = cls()
         for i in range(count):
             if len(shape := np.shape(images[i])) != 3:

@@ -455,7 +455,8 @@ TEST_CASE("kinds: the finest level and the environment of a streamed SOG are rea
   const auto first = [](ordered_json& m) -> ordered_json& { return m["tree"]["children"][0]["lods"]["0"]; };
   CHECK_THAT(message([&](ordered_json& m) { first(m)["count"] = 21; }), Contains("10 to 31"));
   CHECK_THAT(message([&](ordered_json& m) { first(m)["offset"] = 9; }), Contains("9 to 29"));
-  CHECK_THAT(message([&](ordered_json& m) { first(m)["file"] = 3; }), Contains("file 3 of 3"));
+  CHECK_THAT(message([&](ordered_json& m) { first(m)["file"] = 3; }),
+             Contains("file 3, but only the files 0 to 2 are listed"));
   CHECK_THAT(message([&](ordered_json& m) { m["filenames"][0] = "/etc/passwd"; }), Contains("'/etc/passwd'"));
   CHECK_THAT(message([&](ordered_json& m) { m["tree"] = ordered_json::object(); }),
              Contains("no level of detail"));

@@ -228,7 +228,7 @@ TEST_CASE("values: bytes after the end of a packed data set are rejected", "[val
   const std::string whole = get(folder / "x.ubsd");
   put(folder / "x.ubsd", whole + "more");
   CHECK_THAT(message_of([&] { load_dataset(folder / "x.ubsd"); }),
-             Contains("the header is followed by 10 bytes, but its blocks have 6"));
+             Contains("the header describes blocks of 6 bytes, but 10 bytes follow it"));
 }
 
 TEST_CASE("values: invalid values in keyframes are rejected", "[values]") {

@@ -189,7 +189,9 @@ int number_of(const TracedRun& run, unsigned kinds, const std::function<bool(con
   return 0;
 }
 
-TEST_CASE("durability: one failed write does not stop a run, which can be resumed if the disk stays full") {
+TEST_CASE(
+    "durability: a run continues after one failed write; if the disk stays full, it stops and can be "
+    "resumed") {
   REQUIRE(can_trace());
   const TempFolder folder;
   prepare(folder);

@@ -44,7 +44,7 @@ TEST_CASE("mixed file: a model that is written and read again is the same", "[re
   CHECK(back.offset == std::array<double, 3>{1, 2, 3});
   CHECK(back.model.count() == 78);
   CHECK(back.model.parameters() == 5 * 44 + 3 * 35 + 70 * 14);
-  CHECK(to_string(back.model) == "N = 7: 5, N = 6: 3, N = 3: 70, 78 splats");
+  CHECK(to_string(back.model) == "78 splats: 5 with N = 7, 3 with N = 6, 70 with N = 3");
 
   // With a single group, the file has the format without groups.
   write_splat_ply(folder / "a.ply", model.groups[1]);
@@ -61,8 +61,9 @@ TEST_CASE("mixed file: inconsistent files are rejected with a reason", "[reduce]
     put(folder / "x.ply", text);
     return message_of([&] { read_mixed_ply(folder / "x.ply"); });
   };
-  CHECK_THAT(message_of([&] { read_splat_ply(folder / "m.ply"); }),
-             Contains("splats of different dimensions (N = 7: 5, N = 6: 3, N = 3: 70, 78 splats)"));
+  CHECK_THAT(
+      message_of([&] { read_splat_ply(folder / "m.ply"); }),
+      Contains("splats of different dimensions (78 splats: 5 with N = 7, 3 with N = 6, 70 with N = 3)"));
   CHECK_THAT(message(replaced(good, "groups 7,6,3", "groups 7,3")), Contains("lists the groups '7,3'"));
   CHECK_THAT(message(replaced(good, "comment ubs groups 7,6,3\n", "")),
              Contains("but the elements have N = 7,6,3"));

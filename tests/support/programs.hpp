@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// program_of() returns the path of `ubs` or of `ubs-lab`, depending on which of them has a subcommand. It can
-// be used in targets that are compiled with the macros UBS_EXECUTABLE and UBS_LAB_EXECUTABLE, which contain
+// program_of() returns the path of the program, `ubs` or `ubs-lab`, that a command line is for. It can be
+// used in targets that are compiled with the macros UBS_EXECUTABLE and UBS_LAB_EXECUTABLE, which contain
 // these paths.
 #pragma once
 
@@ -11,7 +11,7 @@
 
 namespace ubs::test {
 
-// Returns the path of the program for a command line that begins with a subcommand.
+// `arguments` is a command line without the program. Its first word is the subcommand.
 inline std::string program_of(std::string_view arguments) {
   constexpr std::array kLab{"accuracy", "bench", "compare", "gradients", "stress", "tune"};
   const bool lab = std::ranges::find(kLab, arguments.substr(0, arguments.find(' '))) != kLab.end();

@@ -110,7 +110,7 @@ TEST_CASE("decompose: in models with different dimensions, splats without a beta
 
   // Splats without time belong to the lowest range, which contains the static splats.
   const MixedModel still = keep_splats(model, select_by_beta(model, BetaKind::temporal, {0, 6.0 / 9}));
-  CHECK(to_string(still) == "N = 6: 2, N = 3: 4, 6 splats");
+  CHECK(to_string(still) == "6 splats: 2 with N = 6, 4 with N = 3");
   CHECK(still.groups[0].values == model.groups[1].values);
   CHECK(still.groups[1].values == model.groups[2].values);
 

@@ -71,7 +71,7 @@ std::string device_of_rank(const std::string& request) {
   std::istringstream words(request);
   for (std::string word; std::getline(words, word, ',');) choices.push_back(word);
   if (choices.empty()) choices = cards();
-  const std::size_t local = local_rank();  // all ranks of the machine count, even if their choices differ
+  const std::size_t local = local_rank();  // counts the ranks of this machine with other choices, too
   return choices.empty() ? request : choices[local % choices.size()];
 }
 

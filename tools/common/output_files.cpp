@@ -51,7 +51,8 @@ bool is_data_folder(const fs::path& folder, const fs::path& root) {
 
 [[noreturn]] void refuse_data_folder(const fs::path& folder) {
   fail(ErrorKind::usage,
-       "{}: this folder contains images or cameras of the data: choose another output folder",
+       "{}: this folder contains images or cameras of the data, or would be read as such: choose another "
+       "output folder",
        folder.string());
 }
 
@@ -102,7 +103,8 @@ void check_apart(const fs::path& folder, const Paths& data) {
     if (lies_in(folder, input) && is_data_folder(folder, input)) refuse_data_folder(folder);
     const char* how = same_file(folder, input) ? "is" : lies_in(input, folder) ? "holds" : nullptr;
     if (how)
-      fail(ErrorKind::usage, "{}: the output folder {} the data folder {}: choose a folder outside it",
+      fail(ErrorKind::usage,
+           "{}: the output folder {} the data folder {}: choose an output folder apart from the data",
            folder.string(), how, input.string());
   }
 }

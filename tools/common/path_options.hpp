@@ -20,8 +20,8 @@ ImageSize parse_size(const std::string& option, const std::string& text);
 Vec3 parse_vector(const std::string& option, const std::string& text);
 
 inline constexpr const char* kUpHelp =
-    "up direction of the scene: a vector, or an axis such as -y [mean up direction of the cameras of the "
-    "data, otherwise away from a floor, otherwise z, or -y for third-party files and models made from them]";
+    "up direction of the scene: a vector, or an axis such as -y [with cameras, their mean up direction; "
+    "otherwise, with a floor, the direction away from it; otherwise z (-y for third-party files)]";
 // Returns the hints for scene_frame() that the model file contains: the up direction, if it states one.
 FrameHints frame_hints(const LoadedModel& model);
 

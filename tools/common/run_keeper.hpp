@@ -10,8 +10,9 @@
 namespace ubs::tools {
 
 // Opens the checkpoint in the folder of an unfinished run, or of a run that was completed early. With
-// `more_time`, also opens that of a finished run. Throws Error(usage) if the run is finished. Throws
-// Error(data) if there is no checkpoint, if it cannot be read, or if it belongs to another run.
+// `more_time`, also opens continue.ubs of a finished run. Throws Error(usage) if the run is finished and
+// either `more_time` is false or there is no continue.ubs. Throws Error(data) if the folder of an unfinished
+// run has no checkpoint, if the checkpoint cannot be read, or if it belongs to another run.
 Checkpoint open_checkpoint(const std::filesystem::path& folder, bool more_time);
 
 class RunKeeper {

@@ -182,10 +182,9 @@ Command add_bench(CLI::App& root) {
   app->add_option("data,--data", options->data, "data folder with the cameras for --model [data of the run]")
       ->needs(model)
       ->type_name("DIR");
-  app->add_option(
-         "--set", options->assignments,
-         "a setting for all cases: variant and skipped work (kernel, colour, alpha_min, freeze, ...: "
-         "docs/variants.md), approximations (math, ...: docs/accuracy.md), or how --data are read")
+  app->add_option("--set", options->assignments,
+                  "a setting for all cases, such as kernel=gaussian or math=native (docs/variants.md, "
+                  "docs/accuracy.md), or a setting for reading --data, such as downscale=2")
       ->expected(1)
       ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll)
       ->type_name("KEY=VALUE");

@@ -48,8 +48,8 @@ struct RunOptions {
   std::function<bool()> stop = [] { return false; };
 };
 
-// Measures the cases. If a case does not fit into memory, its result contains no times and a note with the
-// reason.
+// Measures the cases. If a case does not fit into memory, its result contains a note with the reason instead
+// of times.
 DeviceReport run_cases(Device& device, const RunOptions& options);
 
 // Returns the number of dimensions of the model of a scene. The scene `orbit` changes over time, so for this

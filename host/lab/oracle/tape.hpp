@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // Tape records operations for reverse-mode automatic differentiation in double precision. Only the oracle
 // uses it.
-// Formulas are templates over the scalar type: `double` gives the value, and `Var` records one node per
-// operation (at most two parents and their partial derivatives), which Tape::reverse processes backwards.
+// Formulas are templates over the scalar type. With `double`, they give the value. With `Var`, they also
+// record one node per operation, with at most two parents and the partial derivatives. Tape::reverse
+// processes the nodes in reverse order.
 // Branches in a formula test value(x), and the derivative is that of the branch taken.
 #pragma once
 
