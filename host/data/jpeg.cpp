@@ -29,7 +29,10 @@ cv::Mat decode_jpeg(std::span<const std::byte> file, const std::string& name) {
   const std::unique_ptr<void, int (*)(tjhandle)> decoder(tjInitDecompress(), tjDestroy);
   if (decoder == nullptr) fail(ErrorKind::memory, "{}: not enough memory to decode the image", name);
   const auto damaged = [&](const std::string& what) {
-    fail(ErrorKind::data, "{}: damaged or truncated JPEG: {}", name, what);
+    fail(ErrorKind::data,
+         "{}: damaged or truncated JPEG: {}: copy it again, or save it again if other programs show it "
+         "correctly",
+         name, what);
   };
   const auto* bytes = reinterpret_cast<const unsigned char*>(file.data());
   int width = 0, height = 0, subsampling = 0, colours = 0;
