@@ -133,7 +133,8 @@ void VideoWriter::commit() {
   int found = 0;
   try {
     const QuietOpencv quiet;
-    found = video_frames(*open_video(file_->temporary()));
+    // OpenCV ignores errors of writing, and the header of an incomplete file may state all frames.
+    found = decoded_frames(*open_video(file_->temporary()));
   } catch (const Error&) {
     incomplete(0);
   }

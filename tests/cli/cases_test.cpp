@@ -25,12 +25,13 @@ using test::check_error;
 using test::get;
 using test::quoted;
 using test::Result;
+using test::run_ubs;
 using test::TempFolder;
 using test::ubs_ok;
 
 struct DataCase {
   const char* name;
-  int views;    // total of all splits
+  int views;  // total of all splits
   // Mean over all images [dB]. If it is 0, it is not tested, because the control shows another scene, or has
   // another unit of length.
   double psnr;
@@ -182,6 +183,18 @@ TEST_CASE("cases: model files give the expected numbers of splats, and notes") {
       for (const std::string& words : parts_of(row.words)) CHECK_THAT(text, Contains(words));
     }
   }
+}
+
+// The PSNR of this model rises slowly when its quantisation steps decrease. Earlier versions gave up.
+TEST_CASE("cases: a page of the control is made with the default quality") {
+  UBS_REQUIRE_DATA(cases, "cases");
+  const TempFolder folder;
+  const std::string model = quoted(fs::canonical(cases / "00-control/model-run"));
+  CHECK_THAT(ubs_ok(folder, "web " + model + " --out page.html").out, Contains("PSNR 50."));
+  const Result high = run_ubs(folder, "web " + model + " --psnr 58 --out high.html");
+  CHECK(high.code == 2);
+  CHECK_THAT(high.err, Contains("cannot compress the model to 58 dB, only to 51."));
+  CHECK(!fs::exists(folder / "high.html"));
 }
 
 TEST_CASE("cases: unusable inputs are refused with one line that says why") {

@@ -3,9 +3,11 @@
 // similar to the image that was written. Also tests errors when videos are written or read.
 #include "host/data/video.hpp"
 
+#include <sys/resource.h>
 #include <unistd.h>
 
 #include <catch2/catch.hpp>
+#include <csignal>
 #include <opencv2/videoio.hpp>
 
 #include "host/data/video_writer.hpp"
@@ -102,6 +104,40 @@ TEST_CASE("video: an unfinished video leaves no file") {
     CHECK_THAT(test::message_of([&] { writer.commit(); }), Contains("0 of 0 frames"));
   }
   CHECK(test::file_count(folder.path()) == 0);
+}
+
+// OpenCV does not report failed writes. A limit for the size of files simulates a full disk.
+TEST_CASE("video: a video that could not be written completely is an error, and leaves no file") {
+  const TempFolder folder;
+  const auto write_noise = [&] {
+    VideoWriter writer(folder / "v.avi", 320, 240, 10);
+    Image8 noise{320, 240, std::vector<unsigned char>(std::size_t{3} * 320 * 240)};
+    std::uint32_t state = 1;
+    for (int i = 0; i < 16; ++i) {
+      for (unsigned char& value : noise.rgb) {
+        state = state * 1664525u + 1013904223u;
+        value = static_cast<unsigned char>(state >> 24);
+      }
+      writer.write(noise);
+    }
+    writer.commit();
+  };
+  write_noise();
+  const auto bytes = std::filesystem::file_size(folder / "v.avi");
+  std::filesystem::remove(folder / "v.avi");
+  rlimit before{};
+  REQUIRE(getrlimit(RLIMIT_FSIZE, &before) == 0);
+  const auto handler = std::signal(SIGXFSZ, SIG_IGN);
+  for (const double share : {0.3, 0.6, 0.95}) {
+    INFO(share);
+    const rlimit limit{static_cast<rlim_t>(share * static_cast<double>(bytes)), before.rlim_max};
+    REQUIRE(setrlimit(RLIMIT_FSIZE, &limit) == 0);
+    const std::string message = test::message_of(write_noise);
+    REQUIRE(setrlimit(RLIMIT_FSIZE, &before) == 0);
+    CHECK_THAT(message, Contains("v.avi: only ") && Contains("of 16 frames were written"));
+    CHECK(test::file_count(folder.path()) == 0);
+  }
+  std::signal(SIGXFSZ, handler);
 }
 
 TEST_CASE("video: a damaged frame gives an error at every attempt, and never a different frame") {

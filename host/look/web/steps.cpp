@@ -210,15 +210,16 @@ std::vector<UbszSteps> choose_steps(ModelSession& session, const MixedModel& mod
                                     const std::function<void(const std::string&)>& note) {
   std::size_t rows = 0;
   for (const SplatModel& group : model.groups) rows += static_cast<std::size_t>(group.layout().count);
-  // The PSNR that is estimated from H differs from the actual PSNR by an amount that changes slowly. So each
-  // trial shifts the estimate by this amount. If there are trials below and above the goal, the next trial
-  // interpolates between them instead.
+  // The PSNR that is estimated from H differs from the actual PSNR by an amount that usually changes slowly.
+  // So the second trial shifts the estimate by this amount. If the PSNR rises less than the estimate, this
+  // shift is too small, so it is doubled from trial to trial. If there are trials below and above the goal,
+  // the next trial interpolates between them instead.
   struct Trial {
     double estimate = 0, got = 0;  // estimated and actual PSNR [dB]
   };
   const double goal = psnr + kNear / 2;
   std::optional<Trial> low, high;  // the nearest trials below and above the goal
-  double estimate = goal, best_got = std::numeric_limits<double>::infinity();
+  double estimate = goal, best_got = std::numeric_limits<double>::infinity(), most = 0;
   std::vector<UbszSteps> steps, best;
   for (int trial = 0; trial < kTrials; ++trial) {
     const double share = std::pow(10.0, -estimate / 10) * h.values / static_cast<double>(rows);
@@ -228,15 +229,17 @@ std::vector<UbszSteps> choose_steps(ModelSession& session, const MixedModel& mod
     const double got = compare_models(session, model, round(steps), views).mean;
     note(fmt::format("compressing, attempt {} of at most {}: PSNR {:.2f} dB (goal: {:g} to {:g} dB)",
                      trial + 1, kTrials, got, psnr, psnr + kNear));
+    most = std::max(most, got);
     if (got >= psnr && got < best_got) best = steps, best_got = got;
     if (got >= psnr && got <= psnr + kNear) break;
     (got < goal ? low : high) = {estimate, got};
     estimate = low && high
                    ? std::lerp(low->estimate, high->estimate, (goal - low->got) / (high->got - low->got))
-                   : estimate + goal - got;
+                   : estimate + std::exp2(trial) * (goal - got);
   }
   if (best.empty())
-    fail(ErrorKind::usage, "cannot compress the model to {} dB: lower --psnr or pass --exact", psnr);
+    fail(ErrorKind::usage,
+         "cannot compress the model to {} dB, only to {:.2f} dB: lower --psnr or pass --exact", psnr, most);
   return best;
 }
 
