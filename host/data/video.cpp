@@ -82,17 +82,6 @@ class VideoFile {
     return image;
   }
 
-  // Decodes the file from its start, and returns the number of frames.
-  int decoded() {
-    const std::lock_guard lock(mutex_);
-    open();
-    try {
-      while (capture_->grab()) ++next_;
-    } catch (const cv::Exception&) {
-    }
-    return next_;
-  }
-
   ImageSize size() const { return size_; }
   int frames() const { return frames_; }
 
@@ -174,7 +163,6 @@ std::shared_ptr<VideoFile> open_video(const std::filesystem::path& path) {
 }
 ImageSize video_size(const VideoFile& video) { return video.size(); }
 int video_frames(const VideoFile& video) { return video.frames(); }
-int decoded_frames(VideoFile& video) { return video.decoded(); }
 
 std::shared_ptr<const ImageSource> video_frame_source(std::shared_ptr<VideoFile> video, int index, int width,
                                                       int height) {

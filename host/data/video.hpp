@@ -15,7 +15,6 @@ class VideoFile;  // a decoder, which frame sources of several threads may share
 std::shared_ptr<VideoFile> open_video(const std::filesystem::path& path);
 ImageSize video_size(const VideoFile& video);
 int video_frames(const VideoFile& video);  // returns the number of frames that the container states
-int decoded_frames(VideoFile& video);      // decodes all frames, and returns their number
 
 // Returns a source of frame `index`, resized to width x height by Pillow's bicubic filter if necessary.
 std::shared_ptr<const ImageSource> video_frame_source(std::shared_ptr<VideoFile> video, int index, int width,

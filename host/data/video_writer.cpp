@@ -2,6 +2,9 @@
 // See video_writer.hpp.
 #include "host/data/video_writer.hpp"
 
+#include <cerrno>
+#include <cstring>
+#include <fstream>
 #include <map>
 #include <opencv2/core/utils/logger.hpp>
 
@@ -54,6 +57,20 @@ std::string open_writer(cv::VideoWriter& writer, const fs::path& path, int width
     }
   }
   return "";
+}
+
+// Returns why no more bytes can be appended to the file, or an empty string if they can. The file stays as it
+// was. This finds out whether a disk has become full while OpenCV wrote to it, because OpenCV does not report
+// that.
+std::string full_disk(const fs::path& file) {
+  const std::uintmax_t bytes = fs::file_size(file);
+  std::ofstream stream(file, std::ios::binary | std::ios::app);
+  errno = 0;
+  const bool grew = static_cast<bool>(stream << std::string(std::size_t{1} << 13, '\0') << std::flush);
+  const std::string reason = grew ? "" : std::strerror(errno);
+  stream.close();
+  fs::resize_file(file, bytes);
+  return reason;
 }
 
 }  // namespace
@@ -133,12 +150,13 @@ void VideoWriter::commit() {
   int found = 0;
   try {
     const QuietOpencv quiet;
-    // OpenCV ignores errors of writing, and the header of an incomplete file may state all frames.
-    found = decoded_frames(*open_video(file_->temporary()));
+    found = video_frames(*open_video(file_->temporary()));
   } catch (const Error&) {
     incomplete(0);
   }
   if (found != frames_) incomplete(found);
+  if (const std::string reason = full_disk(file_->temporary()); !reason.empty())
+    fail(ErrorKind::data, "{}: not written completely: {}", path_.string(), reason);
   file_->commit();
   encoder_.reset();
 }
