@@ -4,7 +4,9 @@ float64."""
 
 from __future__ import annotations
 
+import importlib
 import math
+import re
 import sys
 import threading
 from pathlib import Path
@@ -570,10 +572,51 @@ def test_gradients_after_other_pictures() -> None:
     rasterization(**scene(splats=90, seed=5), width=30, height=20)
     (again,) = torch.autograd.grad((first[0] * weights).sum() + first[1].sum(), means)
     assert float((again - expected - of_alpha).norm() / again.norm()) < 1e-5
-    with pytest.raises(RuntimeError):  # second-order gradients are not supported
-        image = rasterization(**{**s, "means": means}, width=WIDTH, height=HEIGHT)[0]
-        (gradient,) = torch.autograd.grad((image**2).sum(), means, create_graph=True)
-        gradient.sum().backward()
+
+
+AUTOCAST: dict[str, dict[str, Any]] = {
+    "on the device": {"colors": (4, 3), "sh_degree": 1},
+    "on the device, packed": {"colors": (4, 3), "sh_degree": 1, "packed": True},
+    "harmonics": {"colors": (25, 3), "sh_degree": 4, "viewmats": True},
+    "antialiased": {"rasterize_mode": "antialiased", "render_mode": "RGB+ED", "colors": (4,)},
+    "absgrad": {"absgrad": True, "channel_chunk": 2, "colors": (5,)},
+}
+
+
+@pytest.mark.parametrize("name", AUTOCAST)
+def test_autocast_changes_nothing(name: str, fused_calls: list[bool]) -> None:
+    """Tests that torch.autocast has no effect on images and gradients, as in gsplat, whose kernels ignore it."""
+    how = {"packed": False, "width": WIDTH, "height": HEIGHT, **AUTOCAST[name]}
+    s, of_cameras = scene(), how.pop("viewmats", False)
+    torch.manual_seed(3)
+    s["colors"] = torch.rand(120, *how.pop("colors"))
+    s["backgrounds"] = torch.rand(2, 5 if name == "absgrad" else 4 if name == "antialiased" else 3)
+    results = []
+    for enabled in (False, True):
+        learnt = {key: v.clone().requires_grad_(of_cameras or key not in ("viewmats", "Ks")) for key, v in s.items()}
+        with torch.autocast("cpu", dtype=torch.bfloat16, enabled=enabled):
+            images, alphas, meta = rasterization(**learnt, **how)
+            (images**2).sum().backward()
+        found = [images, alphas, *(meta[key] for key in ("radii", "means2d", "depths", "conics"))]
+        found += [getattr(meta["means2d"], "absgrad", alphas), *(v.grad for v in learnt.values() if v.requires_grad)]
+        results.append(found)
+    assert fused_calls == ([True, True] if "device" in name else [])
+    assert all(torch.equal(a, b) for a, b in zip(*results))
+    assert float(results[0][0].std()) > 0.01
+
+
+def test_second_order_gradients_are_refused(fused_calls: list[bool]) -> None:
+    """Tests that gradients of images cannot be recorded. The positions have gradients that PyTorch could differentiate
+    again, but without the part that goes through the image."""
+    s = scene(cameras=1)
+    s["colors"] = torch.randn(120, 4, 3)
+    for mode in ("classic", "antialiased"):
+        means = s["means"].clone().requires_grad_()
+        image = rasterization(**{**s, "means": means}, width=WIDTH, height=HEIGHT, sh_degree=1, rasterize_mode=mode)[0]
+        for loss in (image.sum(), (image**2).sum()):
+            with pytest.raises(ubs.UsageError, match="no second-order gradients"):
+                torch.autograd.grad(loss, means, create_graph=True)
+    assert fused_calls == [True]
 
 
 def test_threads_draw_what_one_draws() -> None:
@@ -679,6 +722,14 @@ REFUSED: list[tuple[str, dict[str, Any]]] = [
     ("render_mode='rgb'", {"render_mode": "rgb"}),
     ("rasterize_mode", {"rasterize_mode": "smooth"}),
     ("width", {"width": 0}),
+    ("width=40.5", {"width": 40.5}),
+    ("width=nan", {"width": math.nan}),
+    ("width='wide'", {"width": "wide"}),
+    ("height=None", {"height": None}),
+    ("channel_chunk", {"channel_chunk": 0}),
+    ("channel_chunk=0.5", {"channel_chunk": 0.5}),
+    ("far_plane=None", {"far_plane": None}),
+    ("near_plane", {"near_plane": torch.ones(50)}),
     ("near_plane", {"near_plane": -1.0}),
     ("eps2d", {"eps2d": math.nan}),
     ("opacities", {"opacities": torch.full((30,), 1.5)}),
@@ -700,6 +751,45 @@ def test_what_is_not_there_is_refused_by_name(word: str, changed: dict[str, Any]
     assert word in str(error.value) and "\n" not in str(error.value)
 
 
+def test_numbers_may_have_other_types() -> None:
+    """Tests that both ways of computing a call accept numbers of NumPy and PyTorch, and whole floating-point sizes."""
+    s = scene(splats=30)
+    s["colors"] = torch.randn(30, 4, 3)
+    for mode in ("classic", "antialiased"):
+        how: Any = {"sh_degree": 1, "packed": False, "rasterize_mode": mode}
+        expected, _, meta = rasterization(**s, **how, width=WIDTH, height=HEIGHT, near_plane=0.5, far_plane=90,
+                                          eps2d=0.25)
+        for kind in (np.float32, np.float64, np.array, torch.tensor):
+            found, _, other = rasterization(
+                **s, **how, width=kind(WIDTH), height=float(HEIGHT), near_plane=kind(0.5), far_plane=kind(90.0),
+                eps2d=kind(0.25), radius_clip=kind(0.0), channel_chunk=np.int64(32), tile_size=np.int16(16),
+                distributed=np.bool_(False), with_ut=np.bool_(False),
+            )
+            assert torch.equal(found, expected)
+            for name in ("width", "height", "tile_width"):
+                assert other[name] == meta[name] and type(other[name]) is int
+    means2d = fully_fused_projection(
+        s["means"], None, s["quats"], s["scales"], s["viewmats"], s["Ks"], float(WIDTH),  # type: ignore
+        np.int64(HEIGHT),
+        eps2d=torch.tensor(0.25), near_plane=torch.tensor(0.5), radius_clip=np.float32(0),  # type: ignore[arg-type]
+    )[1]
+    assert torch.equal(means2d, meta["means2d"])
+
+
+@pytest.mark.parametrize("zero", [slice(0, 4), slice(2, 3)])
+def test_cameras_without_an_inverse_are_refused(zero: slice) -> None:
+    s = scene(splats=30)
+    s["viewmats"][1, zero] = 0
+    s["colors"] = torch.randn(30, 4, 3)
+    with pytest.raises(ubs.UsageError, match="viewmats contains a matrix without an inverse"):
+        rasterization(**s, width=WIDTH, height=HEIGHT, sh_degree=1)
+
+
+def test_a_wanted_shape_is_named_once() -> None:
+    with pytest.raises(ubs.UsageError, match=r"backgrounds has the shape \(3,\), not \(2, 3\)$"):
+        rasterization(**scene(), width=WIDTH, height=HEIGHT, backgrounds=torch.ones(3))
+
+
 def test_absgrad_without_recorded_gradients_takes_any_channels() -> None:
     """Tests that absgrad=True has no effect while no gradients are recorded. Trainers use the same arguments for
     evaluation as for training, but evaluate for example with render_mode="RGB+D"."""
@@ -713,6 +803,31 @@ def test_absgrad_without_recorded_gradients_takes_any_channels() -> None:
         assert torch.equal(rasterization(**learnt, **size, absgrad=True)[0], expected)
     with pytest.raises(ubs.UsageError, match="channel_chunk of at most 3"):
         rasterization(**learnt, **size, absgrad=True)
+
+
+# The names that gsplat 1.5.3 exports
+EXPORTED = """PngCompression accumulate accumulate_2dgs RollingShutterType fully_fused_projection
+    fully_fused_projection_2dgs fully_fused_projection_with_ut isect_offset_encode isect_tiles proj
+    quat_scale_to_covar_preci rasterize_to_indices_in_range rasterize_to_indices_in_range_2dgs rasterize_to_pixels
+    rasterize_to_pixels_2dgs rasterize_to_pixels_eval3d spherical_harmonics world_to_cam export_splats SelectiveAdam
+    rasterization rasterization_2dgs rasterization_2dgs_inria_wrapper rasterization_inria_wrapper DefaultStrategy
+    MCMCStrategy Strategy __version__""".split()
+
+
+def test_the_documented_names_and_modules_exist() -> None:
+    """Tests what docs/gsplat.md says about imports."""
+    for name in EXPORTED:
+        exec(f"from ubs.gsplat import {name}", {})
+    assert ubs.gsplat.__version__ == "1.5"
+    text = (Path(__file__).parent.parent.parent / "docs" / "gsplat.md").read_text()
+    paragraph = next(part for part in text.split("\n\n") if part.startswith("Of gsplat's modules"))
+    names = re.findall(r"`(gsplat\.[\w.]+)`", paragraph)
+    assert names[:2] == ["gsplat.rendering", "gsplat.strategy"] and len(names) > 8
+    for name in names[:2]:
+        importlib.import_module(f"ubs.{name}")
+    for name in names[2:]:
+        with pytest.raises(ImportError, match=f"ubs.{name}"):
+            importlib.import_module(f"ubs.{name}")
 
 
 def test_other_names_of_gsplat_are_imported_and_refused_when_called() -> None:

@@ -13,7 +13,7 @@ torch = pytest.importorskip("torch", reason="SKIPPED: PyTorch is not installed")
 
 import ubs  # noqa: E402
 from ubs.gsplat import DefaultStrategy, MCMCStrategy, rasterization  # noqa: E402
-from ubs.gsplat.strategy import relocated  # noqa: E402
+from ubs.gsplat.strategy import _rotated, relocated  # noqa: E402
 
 Maker = tuple[Any, Any]
 
@@ -58,6 +58,28 @@ def drawn(count: int, gradient: Any, radii: int = 4, packed: bool = False) -> di
         info["radii"] = info["radii"].reshape(-1, 2)
     info["means2d"] = means2d + 0
     return info | {"v": gradient.repeat(2, 1) if packed else gradient.expand(2, count, 2)}
+
+
+@pytest.mark.parametrize("times", [1, 2])
+def test_autocast_does_not_move_gaussians(times: int) -> None:
+    params, _ = learnt(50)
+    vectors = torch.randn(50, 3)
+    with torch.no_grad():
+        params["scales"] += torch.randn(50, 3)
+        found = _rotated(params, torch.arange(50), vectors, times)
+        with torch.autocast("cpu", dtype=torch.bfloat16):
+            assert torch.equal(_rotated(params, torch.arange(50), vectors, times), found)
+        q = params["quats"].double() / params["quats"].double().norm(dim=-1, keepdim=True)
+        w, x, y, z = q.unbind(-1)
+        turn = torch.stack([
+            w * w + x * x - y * y - z * z, 2 * (x * y - w * z), 2 * (x * z + w * y),
+            2 * (x * y + w * z), w * w - x * x + y * y - z * z, 2 * (y * z - w * x),
+            2 * (x * z - w * y), 2 * (y * z + w * x), w * w - x * x - y * y + z * z,
+        ], -1).reshape(-1, 3, 3)
+        a = turn * params["scales"].double().exp()[:, None]
+        matrix = a if times == 1 else a @ a.mT
+        expected = (matrix @ vectors.double()[..., None])[..., 0]
+        assert float((found - expected).norm() / expected.norm()) < 1e-6
 
 
 @pytest.mark.parametrize("packed", [False, True])

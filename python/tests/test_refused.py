@@ -167,13 +167,16 @@ def test_integers_that_c_would_wrap_are_refused(model: ubs.Model) -> None:
         renderer.array("v_rgb", size=(2**64 + 40, 40))
     with pytest.raises(ubs.UsageError, match="is not an integer from 0"):
         renderer.array("parameters", 2**32)
+    for call in (lambda: ubs.Model.empty(3, 5.0), lambda: renderer.array("parameters", np.float64(0))):  # type: ignore
+        with pytest.raises(ubs.UsageError, match="must be an integer, not [50].0"):
+            call()
 
 
 def test_pictures_have_whole_pixels(data: ubs.Dataset, model: ubs.Model) -> None:
     """Tests that the width of an image must be an integer, which may have a type of NumPy."""
     camera = data.test[0].camera
     for width in (48.5, 48.0, float("nan")):  # ctypes would truncate the first one
-        with pytest.raises(ubs.UsageError, match="integers"):
+        with pytest.raises(ubs.UsageError, match="width must be an integer"):
             model.render(replace(camera, width=width))  # type: ignore[arg-type]
     whole = replace(camera, width=np.int32(camera.width))
     assert np.array_equal(model.render(whole), model.render(camera))

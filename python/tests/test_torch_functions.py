@@ -160,8 +160,10 @@ def test_wrong_ellipses_are_refused() -> None:
         with pytest.raises(ubs.Error, match=message):
             rasterize(**{**given, name: wrong}, **size)
     for wrong_size in ({"width": 0, "height": 3}, {"width": 3.0, "height": 3}):
-        with pytest.raises(ubs.UsageError, match="integers of at least 1"):
+        with pytest.raises(ubs.UsageError, match="width must be an integer of at least 1, not [03]"):
             rasterize(**given, **wrong_size)  # type: ignore[arg-type]
+    numpy_size: Any = {name: np.int64(value) for name, value in size.items()}
+    assert torch.equal(rasterize(**given, **numpy_size)[0], rasterize(**given, **size)[0])
 
 
 def joint(dim: int, n: int = 40) -> tuple[Any, ...]:
@@ -215,6 +217,21 @@ def test_conditioning_agrees_with_the_formulas(dim: int, mode: str) -> None:
     upright = torch.eye(dim, dtype=torch.float64).expand_as(given[1])
     far = condition(given[0], upright, 0.01 * torch.ones_like(given[2]), given[3] + 1e3)[2]
     assert torch.allclose(far, torch.full_like(far, 2.0 ** (-23 * 0.01 * (dim - 3))))
+
+
+def test_autocast_does_not_change_conditioning() -> None:
+    given = [tensor.float() for tensor in joint(6)]
+    theta, scales = torch.randn(40, 3, 3), torch.rand(40, 3)
+    results = []
+    for enabled in (False, True):
+        means, factor, betas, query = (tensor.clone().requires_grad_() for tensor in given)
+        with torch.autocast("cpu", dtype=torch.bfloat16, enabled=enabled):
+            found = [*condition(means, factor, betas, query)]
+            found += condition(means, factor, betas, query, cov_mode="whiten")
+            found += condition_direct(means, factor[:, 3:, 3:], theta, scales, betas, query)
+        sum((value**2).sum() for value in found).backward()
+        results.append([*found, means.grad, factor.grad, betas.grad, query.grad])
+    assert all(a.dtype == torch.float32 and torch.equal(a, b) for a, b in zip(*results))
 
 
 def test_wrong_arguments_of_conditioning_are_refused() -> None:

@@ -188,7 +188,10 @@ def test_training_in_parts(data: ubs.Dataset, model: ubs.Model, tmp_path: Path) 
     assert steps[0].loss is None and steps[4].loss is not None
     with pytest.raises(ZeroDivisionError):
         trainer.run(on_step=lambda step: 1 // 0)
-    trainer.run(5)
+    trainer.run(np.int64(5), lambda step: np.bool_(step.iteration < 10))
+    assert trainer.status.iteration == 10
+    trainer.run(np.int64(2), lambda step: None)
+    trainer.run(1, lambda step: np.bool_(True))
     trainer.save(tmp_path / "checkpoint.ubs")
     again = ubs.Trainer(data, **SETTINGS)
     again.restore(tmp_path / "checkpoint.ubs")
@@ -407,9 +410,13 @@ def test_synthetic_scenes(folder: Path, tmp_path: Path) -> None:
         ubs.synth("orbit", **options, out=tmp_path / "orbit")
     assert len(ubs.synth("glossy", **options, out=tmp_path / "orbit", overwrite=True)) == 10
     for wrong in ({"scene": "mirror"}, {"size": 0}, {"size": (0, 9)}, {"size": 9000}, {"views": 0}, {"seed": -1},
-                  {"test_views": 2.5}, {"supersampling": 0}):
+                  {"test_views": 2.5}, {"supersampling": 0}, {"size": 40.0}, {"size": (1, 2, 3)}, {"views": 2**31}):
         with pytest.raises(ubs.UsageError, match="synth"):
             ubs.synth(**{**options, **wrong})
+    of_numpy = {name: np.int64(value) for name, value in options.items()}
+    for size in (np.int32(30), np.array([30, 30]), [30, np.int64(30)]):
+        same = ubs.synth("glossy", **{**of_numpy, "size": size}, out=tmp_path / "orbit", overwrite=np.bool_(True))
+        assert len(same) == 10 and same.test[0].image.shape == (30, 30, 3)
 
 
 def test_settings_take_numbers_of_numpy(folder: Path) -> None:

@@ -7,6 +7,7 @@ from __future__ import annotations
 import atexit
 import ctypes
 import logging
+import math
 import operator
 import os
 from ctypes import POINTER, c_char, c_char_p, c_double, c_float, c_int, c_int32, c_size_t, c_uint
@@ -286,13 +287,25 @@ _LIMITS = {c_int: (-(2**31), 2**31), c_int32: (-(2**31), 2**31), c_uint: (0, 2**
            c_size_t: (0, 2**64), c_uint64: (0, 2**64)}
 
 
+def integer(value: Any, what: str, least: float = -math.inf) -> int:
+    """Converts an integer of any type, such as those of NumPy, to int. Raises UsageError for other values, and for
+    integers below `least`."""
+    try:
+        found = operator.index(value)
+        if found >= least:
+            return found
+    except TypeError:
+        pass
+    raise UsageError(f"{what} must be an integer{'' if least == -math.inf else f' of at least {least}'}, not {value}")
+
+
 def _check_integers(name: str, arguments: tuple[Any, ...]) -> None:
-    """Raises UsageError for integers that do not fit into the type of their argument. ctypes would not raise an error,
-    but pass only the lower bits."""
+    """Raises UsageError for values that are not integers, and for integers that do not fit into the type of their
+    argument. For the latter, ctypes would not raise an error, but pass only the lower bits."""
     for kind, value in zip(_FUNCTIONS[name], arguments):
-        if kind in _LIMITS and hasattr(value, "__index__"):
+        if kind in _LIMITS:
             low, end = _LIMITS[kind]
-            if not low <= operator.index(value) < end:
+            if not low <= integer(value, f"ubs_{name}: an argument") < end:
                 raise UsageError(f"ubs_{name}: {value} is not an integer from {low} to {end - 1}")
 
 

@@ -119,11 +119,10 @@ class Camera:
         if matrix.shape != (3, 4):
             raise UsageError(f"world_to_camera has the shape {matrix.shape}, not (3, 4)")
         c = _abi.Camera(fx=self.fx, fy=self.fy, cx=self.cx, cy=self.cy, time=self.time)
-        if not (isinstance(self.width, (int, np.integer)) and isinstance(self.height, (int, np.integer))):
-            raise UsageError(f"the camera: width and height must be integers, not {self.width} and {self.height}")
-        if max(abs(self.width), abs(self.height)) >= 2**31:  # ctypes would only pass the lower bits
-            raise UsageError(f"the camera: the image size {self.width}x{self.height} is not possible")
-        c.width, c.height = int(self.width), int(self.height)
+        width, height = (_abi.integer(getattr(self, name), f"the camera: {name}") for name in ("width", "height"))
+        if max(abs(width), abs(height)) >= 2**31:  # ctypes would only pass the lower bits
+            raise UsageError(f"the camera: the image size {width}x{height} is not possible")
+        c.width, c.height = width, height
         c.world_to_camera[:] = [float(v) for v in matrix.ravel()]
         if len(self.extra) > 4:
             raise UsageError(f"a camera has at most 4 further query values, not {len(self.extra)}")
@@ -396,18 +395,19 @@ def synth(
     scene in `out`. With the default values, the call takes about a second."""
     again = {"size": size, "views": views, "test_views": test_views, "val_views": val_views,
              "supersampling": supersampling, "seed": seed}
-    width, height = (size, size) if isinstance(size, int) else size
+    sides: Any = size if np.shape(size) == (2,) else (size, size)
+    width, height = sides
     # Each entry contains the name of an argument, its value, and its minimum.
     integers = [("views", views, 1), ("test_views", test_views, 0), ("val_views", val_views, 0), ("width", width, 1),
                 ("height", height, 1), ("supersampling", supersampling, 1), ("seed", seed, 0)]
     for name, value, least in integers:
-        if not isinstance(value, (int, np.integer)) or not least <= value < 2**31:
-            raise UsageError(f"synth: {name} = {value} must be an integer of at least {least}")
+        if _abi.integer(value, f"synth: {name}", least) >= 2**31:
+            raise UsageError(f"synth: {name} = {value} is too large")
     temporary = tempfile.TemporaryDirectory(prefix="ubs-") if out is None else None
     folder = temporary.name if temporary else os.fspath(out or "")
     options = _abi.Synthetic(
         scene=scene.encode(), width=width, height=height, train_views=views, test_views=test_views or -1,
-        val_views=val_views, supersampling=supersampling, seed=seed, overwrite=overwrite,
+        val_views=val_views, supersampling=supersampling, seed=seed, overwrite=bool(overwrite),
     )
     _abi.call("data_synthesise", ctypes.byref(options), _abi.path_bytes(folder))
     data = Dataset.open(folder)

@@ -374,7 +374,7 @@ class Renderer(_abi.Handle):
         weight = np.empty(size if alpha else 0, np.float32)
         depth = np.empty(size, np.float32) if self._depth else None
         wanted = c_pointer(weight) if alpha else None
-        image = _abi.Image(rgb=c_pointer(rgb), alpha=wanted, depth=c_pointer(depth), for_gradient=for_gradient)
+        image = _abi.Image(rgb=c_pointer(rgb), alpha=wanted, depth=c_pointer(depth), for_gradient=bool(for_gradient))
         with self._lock:
             self._take_size(*size)
             _abi.call("renderer_draw", self, ctypes.byref(c), ctypes.byref(image))
@@ -384,7 +384,7 @@ class Renderer(_abi.Handle):
     def draw(self, camera: Camera, *, for_gradient: bool = False) -> None:
         """Renders a view and keeps it on the device, where array() gives access to it. With `for_gradient`,
         vjp(None, ...) can differentiate this image without rendering it again."""
-        image = _abi.Image(for_gradient=for_gradient)
+        image = _abi.Image(for_gradient=bool(for_gradient))
         with self._lock:
             self._take_size(camera.height, camera.width)
             _abi.call("renderer_draw", self, ctypes.byref(camera.to_c()), ctypes.byref(image))

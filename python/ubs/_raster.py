@@ -8,6 +8,7 @@ by known factors."""
 
 from __future__ import annotations
 
+import functools
 import math
 import threading
 import weakref
@@ -295,10 +296,17 @@ class Rows:
 
 
 def first_order(function: Callable[..., Result]) -> Callable[..., Result]:
-    """Applies torch's once_differentiable to a function. This wrapper exists because once_differentiable has no type
-    annotations."""
-    made: Callable[..., Result] = cast(Any, torch.autograd.function).once_differentiable(function)
-    return made
+    """Makes a backward() raise UsageError if PyTorch would record it for second-order gradients. torch's
+    once_differentiable is not sufficient: it raises no error, and gives wrong results, if the gradient of the output is
+    a constant, or if torch.autograd.grad() reaches its input in another way."""
+
+    @functools.wraps(function)
+    def checked(*arguments: Any) -> Result:
+        if torch.is_grad_enabled():
+            raise UsageError("ubs has no second-order gradients of images: compute gradients without create_graph")
+        return function(*arguments)
+
+    return checked
 
 
 class SparseGradient(torch.autograd.Function):
@@ -335,16 +343,16 @@ class AbsGrad:
         """Divides the gradients of an image (H, W, D) and of its alpha (H, W) into gradients of chunks of channels.
         Each chunk gets the part of v_alpha that comes from blending its channels with the background. The first chunk
         also gets the remaining part of v_alpha. Yields the index of the first channel of a chunk, and its two
-        gradients."""
+        gradients. Uses no matrix products, which would lose precision in torch.autocast."""
         if v_image is None or v_image.shape[-1] <= self.chunk:
             yield 0, v_image, v_alpha
             return
         if self.background is not None and v_alpha is not None:
-            v_alpha = v_alpha + v_image @ self.background
+            v_alpha = v_alpha + (v_image * self.background).sum(-1)
         for first in range(0, v_image.shape[-1], self.chunk):
             part, v_part = v_image[..., first : first + self.chunk], v_alpha if first == 0 else None
             if self.background is not None:
-                blended = part @ self.background[first : first + self.chunk]
+                blended = (part * self.background[first : first + self.chunk]).sum(-1)
                 v_part = -blended if v_part is None else v_part - blended
             yield first, part, v_part
 

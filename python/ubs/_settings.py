@@ -11,6 +11,9 @@ import numpy as np
 from . import _abi
 
 
+BOOLEANS = (bool, np.bool_)
+
+
 class Settings(_abi.Handle):
     """A handle of settings in the library. `spec` is a YAML file, whose values are replaced by those in `values`. `use`
     is the purpose of the settings (_abi.USE_...). Entries of `values` that have no effect for this purpose raise
@@ -36,7 +39,7 @@ class Settings(_abi.Handle):
 
 def as_text(value: Any) -> str:
     """Converts a value to text: 7000 to "7000", True to "true", (1, 1, 1) to "1,1,1"."""
-    if isinstance(value, (bool, np.bool_)):
+    if isinstance(value, BOOLEANS):
         return "true" if value else "false"
     if isinstance(value, (list, tuple, np.ndarray)):
         return ",".join(as_text(part) for part in value)

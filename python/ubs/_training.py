@@ -21,7 +21,7 @@ from ._data import Dataset, c_pointer
 from ._device import DeviceLike, opened
 from ._errors import UsageError
 from ._model import Model
-from ._settings import Settings
+from ._settings import BOOLEANS, Settings
 
 
 @dataclass(frozen=True)
@@ -137,8 +137,9 @@ class Trainer(_abi.Handle):
 
             def forward(_user: int, step: Any) -> int:
                 try:
-                    go_on = on_step is None or on_step(_step(step.contents)) is not False
-                    return 1 if go_on and not interrupt.came else 0
+                    answer = None if on_step is None else on_step(_step(step.contents))
+                    ended = isinstance(answer, BOOLEANS) and not answer
+                    return 0 if ended or interrupt.came else 1
                 except BaseException as error:
                     raised.append(error)
                     return 0

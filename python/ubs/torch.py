@@ -15,18 +15,20 @@ possible with CUDA, and on CPUs with PoCL. Other tensors are copied through host
 gradients with respect to every raw parameter, and with respect to the camera if it is passed as tensors. Gradients
 include the path through the view direction, because the rendered image depends on it. `ubs train` ignores this path.
 The setting query_grad=False ignores it here, too.
-Second-order gradients are not supported. All splats of a model must have the same dimension."""
+Rendering has no second-order gradients: computing its gradient with create_graph=True raises UsageError. All splats of
+a model must have the same dimension."""
 
 from __future__ import annotations
 
 import threading
 from dataclasses import replace
-from typing import Any, Callable, Mapping, Sequence, TypeVar, cast
+from typing import Any, Mapping, Sequence, cast
 
 import numpy as np
 import torch
 from torch import Tensor
 
+from ._abi import integer
 from ._data import Camera, FloatArray
 from ._device import DeviceLike, opened
 from ._drawing import Drawing
@@ -34,11 +36,10 @@ from ._errors import NumericalError, UsageError
 from ._falloff import Falloff, as_falloff
 from ._model import CameraGradient, Model
 from ._raster import draw as _draw_ellipses
-from ._raster import extremes, gradient_on_device, is_finite
+from ._raster import extremes, first_order, gradient_on_device, is_finite
 from ._settings import as_text
 
 __all__ = ["Splats", "condition", "condition_direct", "rasterize", "render"]
-Result = TypeVar("Result")
 
 
 def _checked(tensor: Tensor) -> Tensor:
@@ -184,13 +185,6 @@ def _v_time(_time: Tensor, gradient: CameraGradient) -> Any:
     return gradient.time
 
 
-def _first_order(function: Callable[..., Result]) -> Callable[..., Result]:
-    """Applies torch's once_differentiable to a function. This wrapper exists because once_differentiable has no type
-    annotations."""
-    made: Callable[..., Result] = cast(Any, torch.autograd.function).once_differentiable(function)
-    return made
-
-
 class _Render(torch.autograd.Function):
     """Renders a view. The inputs are: whether gradients are recorded; a Drawing; a Camera; the pose, the intrinsics and
     the time that replace those of the camera, or None for each; and the tensors of the parameters."""
@@ -207,7 +201,7 @@ class _Render(torch.autograd.Function):
             return _draw(drawing, ctx.camera, parameters, ctx.reason)
 
     @staticmethod
-    @_first_order
+    @first_order
     def backward(ctx: Any, *v_pictures: Tensor | None) -> tuple[Any, ...]:
         drawing: Drawing = ctx.drawing
         view: list[Tensor | None] = [None, None, None]
@@ -373,8 +367,7 @@ def rasterize(
     _check_tensor("depths", depths, (n,), means2d)
     _check_tensor("colors", colors, (n, colors.shape[-1]), means2d)
     _check_tensor("opacities", opacities, (n,), means2d)
-    if not (isinstance(width, int) and isinstance(height, int) and width > 0 and height > 0):
-        raise UsageError(f"width and height must be integers of at least 1, not {width} and {height}")
+    width, height = integer(width, "width", 1), integer(height, "height", 1)
     least, most = extremes(opacities)
     if least < 0 or most > 1:
         raise UsageError(f"opacities are between {least:g} and {most:g}, but must be between 0 and 1")
@@ -399,6 +392,12 @@ def rasterize(
         _check_tensor("background", background, (colors.shape[-1],), means2d)
         image = image + (1 - alpha)[..., None] * background
     return image, alpha
+
+
+def _in_full(like: Tensor) -> Any:
+    """Returns a context in which matrix products have the precision of their operands, also inside of torch.autocast,
+    which would convert the operands to 16 bits."""
+    return torch.autocast("cuda" if like.is_cuda else "cpu", enabled=False)
 
 
 def _attenuation(y: Tensor, betas: Tensor | None) -> Tensor:
@@ -445,7 +444,8 @@ def condition(
     positive semidefinite.
 
     Returns positions (n, 3), covariances (n, 3, 3), and factors for the opacities (n,). Computes in the type of the
-    tensors and has gradients of any order."""
+    tensors, also inside of torch.autocast, and has gradients of any order. PyTorch computes them, so backward() should
+    be called outside of torch.autocast, as PyTorch recommends: inside, the gradients have only 16 bits."""
     x = _query(means, query, betas)
     n, queries = x.shape
     _check_tensor("factor", factor, (n, queries + 3, queries + 3), means)
@@ -454,26 +454,27 @@ def condition(
     if weights is None:
         weights = torch.ones_like(x) if betas is None else (betas / 4).clamp_max(1)
     _check_tensor("weights", weights, (n, queries), means)
-    spatial = factor[:, :3]
-    covariance = spatial @ spatial.mT
-    if queries == 0:
-        return means, covariance, torch.ones_like(means[:, 0])
-    # Sigma_q = lower lower^T without forming Sigma_q, which would square its condition number.
-    basis, upper = torch.linalg.qr(factor[:, 3:].mT)
-    signs = torch.sign(torch.diagonal(upper, dim1=-2, dim2=-1))
-    basis, lower = basis * signs[:, None], (upper * signs[..., None]).mT
-    across = spatial @ basis  # Sigma_xq lower^-T
+    with _in_full(means):
+        spatial = factor[:, :3]
+        covariance = spatial @ spatial.mT
+        if queries == 0:
+            return means, covariance, torch.ones_like(means[:, 0])
+        # Sigma_q = lower lower^T without forming Sigma_q, which would square its condition number.
+        basis, upper = torch.linalg.qr(factor[:, 3:].mT)
+        signs = torch.sign(torch.diagonal(upper, dim1=-2, dim2=-1))
+        basis, lower = basis * signs[:, None], (upper * signs[..., None]).mT
+        across = spatial @ basis  # Sigma_xq lower^-T
 
-    def whitened(v: Tensor) -> Tensor:
-        return torch.linalg.solve_triangular(lower, v, upper=False)
+        def whitened(v: Tensor) -> Tensor:
+            return torch.linalg.solve_triangular(lower, v, upper=False)
 
-    positions = means[:, :3] + (across @ whitened((weights * x)[..., None]))[..., 0]
-    if cov_mode == "whiten":
-        covariance = covariance - (across * weights[:, None]) @ across.mT
-    else:
-        sliced = covariance - across @ whitened(weights[..., None] * lower) @ across.mT
-        covariance = sliced.triu() + sliced.triu(1).mT
-    return positions, covariance, _attenuation(whitened(x[..., None])[..., 0], betas)
+        positions = means[:, :3] + (across @ whitened((weights * x)[..., None]))[..., 0]
+        if cov_mode == "whiten":
+            covariance = covariance - (across * weights[:, None]) @ across.mT
+        else:
+            sliced = covariance - across @ whitened(weights[..., None] * lower) @ across.mT
+            covariance = sliced.triu() + sliced.triu(1).mT
+        return positions, covariance, _attenuation(whitened(x[..., None])[..., 0], betas)
 
 
 def condition_direct(
@@ -493,7 +494,7 @@ def condition_direct(
     dimension moves a splat, in units of the mean scale of the splat. scales (n, 3): spatial scales. Covariances do not
     change.
 
-    Returns positions (n, 3), and factors for the opacities (n,)."""
+    Returns positions (n, 3), and factors for the opacities (n,). Types and gradients are as with condition()."""
     x = _query(means, query, betas)
     n, queries = x.shape
     _check_tensor("factor", factor, (n, queries, queries), means)
@@ -502,7 +503,8 @@ def condition_direct(
     if weights is None:
         weights = torch.ones_like(x) if betas is None else (betas / 4).clamp_max(1)
     _check_tensor("weights", weights, (n, queries), means)
-    y = (factor.mT @ x[..., None])[..., 0]
-    z = (factor @ y[..., None])[..., 0]
-    moved = (theta @ (weights * z)[..., None])[..., 0]
+    with _in_full(means):
+        y = (factor.mT @ x[..., None])[..., 0]
+        z = (factor @ y[..., None])[..., 0]
+        moved = (theta @ (weights * z)[..., None])[..., 0]
     return means[:, :3] + scales.mean(-1, keepdim=True) * moved, _attenuation(y, betas)

@@ -16,6 +16,7 @@ from .absent import refusing
 from .rendering import RollingShutterType, fully_fused_projection, rasterization, spherical_harmonics
 from .strategy import DefaultStrategy, MCMCStrategy, Strategy
 
+__version__ = "1.5"  # the version of gsplat whose interface this module provides
 __all__ = [
     "DefaultStrategy",
     "MCMCStrategy",

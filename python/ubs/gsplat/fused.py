@@ -19,6 +19,7 @@ from torch import Tensor
 from .._data import Camera
 from .._device import DeviceLike
 from .._raster import CHUNK, Form, Slot, first_order, scale_inverse, slot_for
+from .._settings import BOOLEANS
 
 LEAST_ALPHA = 1 / 255  # Gaussians with a lower opacity are not rendered
 LEAST_SCALE = 1e-15  # scales must be larger, because the softplus of the kernels has no gradient for smaller ones
@@ -83,7 +84,7 @@ def supports(
 ) -> bool:
     """Returns whether render() supports these arguments of rasterization(), if they have no batch dimensions. The
     caller has checked all arguments except colors."""
-    if isinstance(degree, bool) or degree not in (0, 1, 2, 3) or not isinstance(colors, Tensor):
+    if isinstance(degree, BOOLEANS) or degree not in (0, 1, 2, 3) or not isinstance(colors, Tensor):
         return False
     if scales is None or len(viewmats) == 0:
         return False
@@ -124,7 +125,9 @@ def draw(
 
 def means2d(means: Tensor, viewmats: Tensor, ks: Tensor, planes: tuple[float, float]) -> tuple[Tensor, Tensor]:
     """Returns the positions (C, n, 2) in the images, and the depths (C, n)."""
-    points = means @ viewmats[:, :3, :3].transpose(1, 2) + viewmats[:, None, :3, 3]
+    x, y, z = means[:, 0:1], means[:, 1:2], means[:, 2:3]
+    columns = viewmats[:, None, :3].unbind(-1)  # not a matrix product, which would lose precision in torch.autocast
+    points = x * columns[0] + y * columns[1] + z * columns[2] + columns[3]
     depths = points[..., 2]
     seen = (depths >= planes[0]) & (depths <= planes[1])
     # The depth 1 avoids infinite gradients of Gaussians that are not visible.

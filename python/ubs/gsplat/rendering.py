@@ -13,6 +13,7 @@ from torch import Tensor
 from .._device import DeviceLike
 from .._errors import NumericalError, UsageError
 from .._raster import AbsGrad, SparseGradient, draw, extremes, is_finite
+from .._settings import BOOLEANS
 from . import fused
 from .absent import refusing
 from .fused import LEAST_ALPHA
@@ -42,7 +43,8 @@ def _choice(name: str, value: Any, known: Sequence[str]) -> None:
 
 def _refuse(**given: Any) -> None:
     for name, value in given.items():
-        if value is not None and value is not False and value is not RollingShutterType.GLOBAL:
+        off = isinstance(value, BOOLEANS) and not value
+        if value is not None and not off and value is not RollingShutterType.GLOBAL:
             shown = "" if isinstance(value, Tensor) else f"={value}"
             raise UsageError(f"{name}{shown} is not supported by ubs.gsplat: remove it, or render with gsplat on CUDA")
 
@@ -53,7 +55,7 @@ def _check(name: str, tensor: Any, *shapes: tuple[int, ...], like: Tensor | None
     if tensor.dtype != torch.float32:
         raise UsageError(f"{name} has the type {tensor.dtype}, but must be torch.float32")
     if tuple(tensor.shape) not in shapes:
-        wanted = " or ".join(str(shape) for shape in shapes)
+        wanted = " or ".join(dict.fromkeys(map(str, shapes)))
         raise UsageError(f"{name} has the shape {tuple(tensor.shape)}, not {wanted}")
     if like is not None and tensor.device != like.device:
         raise UsageError(f"{name} is on {tensor.device}, but means is on {like.device}: move it there")
@@ -68,16 +70,24 @@ def _shape(tensor: Any, name: str, at_least: int) -> tuple[int, ...]:
     return tuple(tensor.shape)
 
 
-def _side(name: str, value: Any) -> int:
-    if isinstance(value, bool) or int(value) != value or not 1 <= value <= 65536:
-        raise UsageError(f"{name}={value!r} must be a whole number of pixels from 1 to 65536")
-    return int(value)
+def _number(name: str, value: Any) -> float:
+    """Converts a number of any type, such as a tensor with one value."""
+    try:
+        found = float(value)
+    except (TypeError, ValueError, RuntimeError):  # the last one is raised for tensors with several values
+        found = math.nan
+    if not 0 <= found < math.inf:
+        shown = " ".join(repr(value).split())  # a tensor is shown on several lines
+        raise UsageError(f"{name}={shown} must be a finite number of at least 0")
+    return found
 
 
-def _number(name: str, value: float, least: float = 0.0) -> float:
-    if not least <= value < math.inf:
-        raise UsageError(f"{name}={value} must be a finite number of at least {least:g}")
-    return float(value)
+def _whole(name: str, value: Any, most: int = 65536) -> int:
+    """Converts a whole number of any type."""
+    found = 0.5 if isinstance(value, BOOLEANS) else _number(name, value)
+    if not (1 <= found <= most and found.is_integer()):
+        raise UsageError(f"{name}={value!r} must be a whole number from 1 to {most}")
+    return int(found)
 
 
 # ---- Spherical harmonics ----
@@ -135,7 +145,7 @@ def spherical_harmonics(
 ) -> Tensor:
     """Returns colours (..., D) from coefficients (..., K, D) and directions (..., 3) of any length, for degrees 0 to 4.
     Colours are 0 where masks (...) are False. Unlike rasterization(), does not add 0.5 and does not clamp at 0."""
-    if isinstance(degrees_to_use, bool) or degrees_to_use not in (0, 1, 2, 3, 4):
+    if isinstance(degrees_to_use, BOOLEANS) or degrees_to_use not in (0, 1, 2, 3, 4):
         raise UsageError(f"degrees_to_use={degrees_to_use} must be a whole number from 0 to 4")
     count = (int(degrees_to_use) + 1) ** 2
     shape = _shape(dirs, "dirs", 1)
@@ -147,7 +157,8 @@ def spherical_harmonics(
         raise UsageError(f"masks have the shape {tuple(masks.shape)}, not {shape[:-1]}")
     x, y, z = torch.nn.functional.normalize(dirs, dim=-1).unbind(-1)
     basis = torch.stack(_harmonics(int(degrees_to_use), x, y, z), -1)
-    colors: Tensor = torch.einsum("...k,...kd->...d", basis, coeffs[..., :count, :])
+    # This is not a matrix product, which would lose precision in torch.autocast.
+    colors: Tensor = (basis[..., None] * coeffs[..., :count, :]).sum(-2)
     return colors if masks is None else torch.where(masks[..., None], colors, torch.zeros_like(colors))
 
 
@@ -281,8 +292,6 @@ def _checked(
     scales: Tensor | None,
     viewmats: Tensor,
     ks: Tensor,
-    eps2d: float,
-    planes: tuple[float, float],
     model: str,
 ) -> tuple[int, ...]:
     """Checks the arguments of a projection, and returns the batch dimensions."""
@@ -293,9 +302,6 @@ def _checked(
     _check("viewmats", viewmats, (*batch, cameras, 4, 4), like=means)
     _check("Ks", ks, (*batch, cameras, 3, 3), like=means)
     _intrinsics(ks)
-    _number("eps2d", eps2d)
-    _number("near_plane", planes[0])
-    _number("far_plane", planes[1])
     if covars is not None:
         _check("covars", covars, (*batch, n, 3, 3), (*batch, n, 6), like=means)
     elif quats is None or scales is None:
@@ -364,16 +370,17 @@ def fully_fused_projection(
     rows: list[Tensor] = []
     if sparse_grad:
         means, covars, quats, scales = _with_sparse_gradients(packed, rows, means, covars, quats, scales)
-    size = (_side("width", width), _side("height", height))
-    planes = (near_plane, far_plane)
-    batch = _checked(means, covars, quats, scales, viewmats, Ks, eps2d, planes, camera_model)
+    size = _whole("width", width), _whole("height", height)
+    planes = _number("near_plane", near_plane), _number("far_plane", far_plane)
+    eps2d, radius_clip = _number("eps2d", eps2d), _number("radius_clip", radius_clip)
+    batch = _checked(means, covars, quats, scales, viewmats, Ks, camera_model)
     seen = _projected(means, covars, quats, scales, viewmats, Ks, size, eps2d, planes, camera_model)
     strength = None
     if opacities is not None:
         _check("opacities", opacities, (*batch, means.shape[-2]), like=means)
         strength = opacities.reshape(-1, 1, means.shape[-2])
         strength = strength * seen.compensation if calc_compensations else strength
-    radii = seen.radii(size, strength, _number("radius_clip", radius_clip))
+    radii = seen.radii(size, strength, radius_clip)
     found = [radii, seen.means2d.permute(1, 2, 3, 0), seen.depths, seen.conics()]
     found += [seen.compensation] if calc_compensations else []
     if packed:
@@ -488,18 +495,17 @@ def rasterization(
     rows: list[Tensor] = []
     if sparse_grad:
         means, covars, quats, scales = _with_sparse_gradients(packed, rows, means, covars, quats, scales)
-    size = (_side("width", width), _side("height", height))
-    tile_size = _side("tile_size", tile_size)
-    planes = (near_plane, far_plane)
-    batch = _checked(means, covars, quats, scales, viewmats, Ks, eps2d, planes, camera_model)
+    width, height = size = _whole("width", width), _whole("height", height)
+    tile_size = _whole("tile_size", tile_size)
+    channel_chunk = _whole("channel_chunk", channel_chunk, 2**31 - 1)
+    planes = _number("near_plane", near_plane), _number("far_plane", far_plane)
+    eps2d, radius_clip = _number("eps2d", eps2d), _number("radius_clip", radius_clip)
+    batch = _checked(means, covars, quats, scales, viewmats, Ks, camera_model)
     n, cameras, flat = means.shape[-2], viewmats.shape[-3], math.prod(batch)
     _check("opacities", opacities, (*batch, n), like=means)
     least, most = extremes(opacities)
     if least < 0 or most > 1:
         raise UsageError("opacities must be from 0 to 1: apply torch.sigmoid to parameters without bounds")
-    _number("radius_clip", radius_clip)
-    if channel_chunk < 1:
-        raise UsageError(f"channel_chunk={channel_chunk} must be at least 1")
     meta = Meta(
         width=width, height=height, tile_size=tile_size, tile_width=-(-width // tile_size),
         tile_height=-(-height // tile_size), n_batches=flat, n_cameras=cameras,
@@ -631,12 +637,28 @@ def _shaded(
         colors = colors.expand(flat, cameras, n, *last)
     if degree is None:
         return colors
-    centres = torch.inverse(viewmats)[..., :3, 3].reshape(flat, cameras, 1, 3)
+    centres = _centres(viewmats).reshape(flat, cameras, 1, 3)
     points = means.reshape(flat, 1, n, 3)
     if ids is not None:
         dirs = points[:, 0][ids[0], ids[2]] - centres[:, :, 0][ids[0], ids[1]]
         return spherical_harmonics(degree, dirs, colors) + 0.5
     return spherical_harmonics(degree, points - centres, colors, visible) + 0.5
+
+
+def _centres(viewmats: Tensor) -> Tensor:
+    """Returns the centres (..., 3) of cameras in the world, which are in the last columns of the inverse matrices.
+    torch.inverse would compute the gradient of viewmats with matrix products, which lose precision in torch.autocast.
+    Raises UsageError if a matrix has no inverse."""
+    a, b, c, last = viewmats[..., :3].unbind(-2)
+    x, y, z, one = viewmats[..., 3, None].unbind(-2)
+    columns = torch.linalg.cross(b, c), torch.linalg.cross(c, a), torch.linalg.cross(a, b)
+    determinant = (a * columns[0]).sum(-1, keepdim=True)
+    centres = -(x * columns[0] + y * columns[1] + z * columns[2]) / determinant
+    scale = one + (last * centres).sum(-1, keepdim=True)  # 1, because the last row of a viewmat is 0 0 0 1
+    centres = centres / scale
+    if not is_finite(centres):
+        raise UsageError("viewmats contains a matrix without an inverse: pass matrices from world to camera")
+    return centres
 
 
 def _grounds(

@@ -98,8 +98,8 @@ def _rotated(params: Parameters, indices: Tensor, vectors: Tensor, times: int) -
     `indices`, and A is the rotation matrix of the Gaussian times its scales."""
     axes = _axes(params["quats"][indices][None], torch.exp(params["scales"][indices])[None])[:, :, 0]
     if times == 2:
-        vectors = torch.einsum("kjn,nk->nj", axes, vectors)
-    return torch.einsum("kjn,nj->nk", axes, vectors)
+        vectors = (axes * vectors.T[:, None]).sum(0).T
+    return (axes * vectors.T).sum(1).T  # not a matrix product, which would lose precision in torch.autocast
 
 
 @dataclass
