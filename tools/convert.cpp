@@ -504,6 +504,7 @@ int run(ConvertOptions& options) {
   options.camera_data = options.data;
   if (source.ours() && !options.data.empty()) options.run = use_run_data(options.from, options.data);
   check_output_files(files_of(options, format), {options.from, options.data}, options.overwrite);
+  check_extension(options.to, std::string(format.title), {format.extension, format.second_extension});
   if (format.require_writer) format.require_writer();
   Json json = source.ours() ? export_model(options, format) : import_model(options, format);
   json["from"] = source.title;

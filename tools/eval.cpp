@@ -50,7 +50,10 @@ std::string memory_text(std::uint64_t bytes) {
 int run(EvalOptions& options) {
   const RunData run = use_run_data(options.model, options.data);
   const bool first = ranks().first();  // the first rank of a job writes
-  if (first) check_output_files({options.out}, {options.model, options.data}, options.overwrite);
+  if (first) {
+    check_output_files({options.out}, {options.model, options.data}, options.overwrite);
+    check_extension(options.out, "JSON", {".json"});
+  }
   const LpipsRequest lpips = options.lpips.request();
   const LoadedModel loaded = options.load();
   const MixedModel& model = loaded.model;

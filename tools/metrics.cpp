@@ -76,6 +76,7 @@ ViewMetrics measure(ImageComparison& comparison, const Pair& pair) {
 
 int run(const MetricsOptions& options) {
   check_output_files({options.out}, {options.truth, options.image}, options.overwrite);
+  check_extension(options.out, "JSON", {".json"});
   const LpipsRequest request = options.lpips.request();
   const std::vector<Pair> pairs = pairs_of(options.truth, options.image);
   const std::unique_ptr<Device> device =

@@ -37,6 +37,7 @@ std::size_t image_count(const Split& split) {
 int run(const PackOptions& options) {
   files_before_output();
   check_output_files({options.out}, {options.data}, options.overwrite);
+  check_extension(options.out, "a packed data set", {".ubsd"});
   const TrainSettings settings = options.settings.resolve();
   Dataset set = open_dataset(options.data, {}, settings, Images::load);
   warn_skipped(set.report);

@@ -341,6 +341,7 @@ int run(ReportOptions& options) {
   // If the folder of the run does not exist, open_runs() reports this.
   if (!options.out.empty() || is_folder(options.runs[0]))
     check_output_files({out}, {options.data}, options.overwrite);
+  check_extension(out, "HTML", {".html", ".htm"});
   ReportViewer viewer;
   std::vector<ReportRun> runs = open_runs(options, viewer);
   tell_apart(runs, options.runs);

@@ -94,6 +94,8 @@ int run(WebOptions& options) {
   if (container && (options.embed || !options.poster.empty() || !options.title.empty()))
     fail(ErrorKind::usage, "--out {}: --embed, --poster and --title only apply to HTML pages", options.out);
   check_output_files({options.out, options.poster}, {options.model, options.data}, options.overwrite);
+  check_extension(options.out, "HTML", {".html", ".htm", ".ubsz"});
+  check_extension(options.poster, "PNG", {".png"});
   const LoadedModel loaded = options.load();
   if (loaded.model.count() == 0) fail(ErrorKind::data, "{}: no splats to show", options.model);
   RunData run;

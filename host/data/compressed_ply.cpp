@@ -5,7 +5,8 @@
 // - vertex: one row per splat. Position and scale have 11+10+11 bits each. Colour and opacity have 4 x 8
 //   bits. The rotation has 2 bits for the index of the largest component and 10 bits for each of the other
 //   three.
-// - sh (optional): one row per splat with the properties f_rest_*, which have 8 bits each
+// - sh (optional): one row per splat with the properties f_rest_*, which have 8 bits each. gsplat writes rows
+//   without properties if the degree is 0.
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
@@ -140,10 +141,10 @@ void note_unused(const PlyElement& element, const std::vector<std::string>& name
 
 int degree_of(const PlyElement* sh, const std::string& name) {
   if (!sh) return 0;
-  for (int degree = 1; degree <= 3; ++degree)
+  for (int degree = 0; degree <= 3; ++degree)
     if (sh->properties.size() == 3u * static_cast<std::size_t>((degree + 1) * (degree + 1) - 1))
       return degree;
-  fail(ErrorKind::data, "{}: element sh has {} properties: expected 9, 24 or 45", name,
+  fail(ErrorKind::data, "{}: element sh has {} properties: expected 0, 9, 24 or 45", name,
        sh->properties.size());
 }
 

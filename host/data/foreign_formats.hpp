@@ -25,9 +25,9 @@ class SplatSeries;
 // Read and write the standard PLY files of 3DGS. Their properties are the position, f_dc_*, f_rest_* (one
 // channel after the other), scale_*, rot_* and opacity. The reader accepts binary and ASCII files, the
 // properties in any order and with any number type, and adds a note that names properties that are not used.
-// Files without scale_2 (2DGS) give flat splats. The reader also accepts DBS files (method.md 5.2). It keeps
-// their spherical Beta lobes if there are at most three lobes per splat and the spherical harmonics have
-// degree 0.
+// Files without scale_2 (2DGS) give flat splats. Instead of f_dc_*, there may be red, green and blue as bytes
+// (nerfstudio). The reader also accepts DBS files (method.md 5.2). It keeps their spherical Beta lobes if
+// there are at most three lobes per splat and the spherical harmonics have degree 0.
 ImportedSplats read_gaussian_ply(const std::filesystem::path& path);
 void write_gaussian_ply(const std::filesystem::path& path, const ImportedSplats& splats);
 
@@ -38,7 +38,8 @@ ImportedSplats read_compressed_ply(const std::filesystem::path& path);
 // Read and write Niantic's SPZ format. The file stores coordinates with y up and z backward. They are
 // converted to the axes of PLY files by a rotation of 180 degrees about x. read_spz() reads the versions 2
 // and 3 (with or without gzip) and 4 (with Zstandard streams). parse_spz() reads the decompressed data of the
-// versions 2 and 3. write_spz() writes version 3.
+// versions 2 and 3. write_spz() writes version 3. If a file has the extension for coordinate systems, they
+// are converted from it; systems with z up or down are refused.
 ImportedSplats read_spz(const std::filesystem::path& path);
 ImportedSplats parse_spz(std::span<const std::byte> payload, const std::string& name);
 void write_spz(const std::filesystem::path& path, const ImportedSplats& splats);

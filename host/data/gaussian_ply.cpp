@@ -163,6 +163,8 @@ ImportedSplats read_gaussian_ply(const fs::path& path) {
   const bool dbs = header.find("sh0_0") != nullptr;
   const Names names = names_of(dbs ? SpatialKernel::beta : SpatialKernel::gaussian);
   const std::size_t rest = count_numbered(header, names.rest);
+  // nerfstudio can write one colour per splat instead of harmonics.
+  const bool rgb = !header.find(names.dc + "0") && header.find("red");
 
   ImportedSplats splats;
   splats.kernel = dbs ? SpatialKernel::beta : SpatialKernel::gaussian;
@@ -170,6 +172,10 @@ ImportedSplats read_gaussian_ply(const fs::path& path) {
   splats.lobes = lobes_of(count_numbered(header, "sb_params_"), splats);
   splats.offset = offset_comment(header.comments, name);
   splats.antialiased = antialias_comment(header.comments, splats.report);
+  for (const char* channel : {"red", "green", "blue"})
+    if (const PlyProperty* found = header.find(channel); rgb && found && found->type != PlyType::uint8)
+      fail(ErrorKind::data, "{}: property '{}' must have the type uchar, because there is no {}0", name,
+           channel, names.dc);
   // 2DGS files have discs with two scales. If scale_1 or rot_3 is missing too, the file is not a 2DGS
   // file, and the error message names the first missing column.
   const bool flat = !dbs && !header.find("scale_2") && header.find("scale_1") && header.find("rot_3");
@@ -179,8 +185,8 @@ ImportedSplats read_gaussian_ply(const fs::path& path) {
                                "rot_1", "rot_2", "rot_3", "opacity"})
     columns.add(property);
   const std::size_t beta = dbs ? columns.add("beta") : 0;
-  const std::size_t dc = columns.add(names.dc + "0");
-  columns.add(names.dc + "1"), columns.add(names.dc + "2");
+  const std::size_t dc = columns.add(rgb ? "red" : names.dc + "0");
+  columns.add(rgb ? "green" : names.dc + "1"), columns.add(rgb ? "blue" : names.dc + "2");
   for (std::size_t i = 0; i < rest; ++i) columns.add(names.rest + std::to_string(i));
   const std::size_t lobes = dc + 3 + rest;
   for (std::size_t i = 0; i < splats.lobe_values(); ++i) columns.add("sb_params_" + std::to_string(i));
@@ -198,6 +204,7 @@ ImportedSplats read_gaussian_ply(const fs::path& path) {
     float* sh = &splats.sh[i * 3 * coefficients];
     for (std::size_t c = 0; c < 3; ++c) {
       sh[c] = columns(dc + c, i);
+      if (rgb) sh[c] = static_cast<float>((sh[c] / 255.0 - 0.5) / kShC0);
       for (std::size_t k = 0; k < higher; ++k) sh[3 * (k + 1) + c] = columns(dc + 3 + c * higher + k, i);
     }
     const std::size_t n = splats.lobe_values();
@@ -210,7 +217,7 @@ ImportedSplats read_gaussian_ply(const fs::path& path) {
   // In ASCII files, coordinates may have more digits than the type in the header can hold.
   if (header.ascii ||
       std::ranges::any_of(used.begin(), used.begin() + 3, finer_than_float, &PlyProperty::type)) {
-    std::array<std::vector<double>, 3> coordinates;
+    Coordinates coordinates;
     for (auto& axis : coordinates) axis.resize(header.count);
     stream.clear();
     stream.seekg(rows);

@@ -22,6 +22,8 @@ namespace {
 
 constexpr std::uint32_t kGlbMagic = 0x46546c67, kJsonChunk = 0x4e4f534a, kBinChunk = 0x004e4942;
 constexpr const char* kSplatting = "KHR_gaussian_splatting";
+// Extensions that a file may require. The second one allows integers in accessors.
+constexpr std::string_view kSupported[] = {kSplatting, "KHR_mesh_quantization"};
 constexpr int kFloat = 5126;
 constexpr std::size_t kLeastSplatBytes = 14;
 // The rotation, the scale and the matrix of a node are treated as the identity if their numbers differ by at
@@ -161,6 +163,8 @@ std::vector<float> read_accessor(const GlbFile& glb, std::size_t index, std::siz
     fail(ErrorKind::data, "{}: accessor {} is not of the type {}", name, index, type);
   const int kind = accessor.at("componentType").get<int>();
   const Component component = component_of(kind, name);
+  if (!accessor.contains("bufferView"))
+    fail(ErrorKind::data, "{}: accessor {} has no bufferView, so its values are missing", name, index);
   const Json& view = glb.json.at("bufferViews").at(accessor.at("bufferView").get<std::size_t>());
   if (view.at("buffer").get<std::size_t>() != 0 || glb.json.at("buffers").at(0).contains("uri"))
     fail(ErrorKind::data, "{}: values in a separate file are not supported", name);
@@ -237,19 +241,21 @@ void note_unused(const Json& attributes, int sh_degree, LoadReport& report) {
 ImportedSplats read_primitive(const GlbFile& glb, const Json& primitive, std::size_t before,
                               const std::string& name) {
   const Json& attributes = primitive.at("attributes");
-  const std::size_t positions = attributes.at("POSITION").get<std::size_t>();
-  const std::size_t count = glb.json.at("accessors").at(positions).at("count").get<std::size_t>();
+  const auto index = [&](const std::string& key) {
+    if (!attributes.contains(key)) fail(ErrorKind::data, "{}: the attribute {} is missing", name, key);
+    return attributes.at(key).get<std::size_t>();
+  };
+  const std::size_t count = glb.json.at("accessors").at(index("POSITION")).at("count").get<std::size_t>();
   if (const std::size_t most = glb.bin.size() / kLeastSplatBytes; count > most || before > most - count)
     fail(ErrorKind::data, "{}: {} splats, in addition to {} of other primitives, do not fit into the file",
          name, count, before);
   const auto get = [&](const std::string& key, std::size_t width) {
-    if (!attributes.contains(key)) fail(ErrorKind::data, "{}: the attribute {} is missing", name, key);
-    return read_accessor(glb, attributes.at(key).get<std::size_t>(), width, count, name);
+    return read_accessor(glb, index(key), width, count, name);
   };
   const std::vector<float> place = get("POSITION", 3), rotation = get(attribute("ROTATION"), 4),
                            opacity = get(attribute("OPACITY"), 1);
   const auto accessor = [&](const char* key) {
-    return fmt::format("{}: accessor {} ({})", name, attributes.at(attribute(key)).get<std::size_t>(), key);
+    return fmt::format("{}: accessor {} ({})", name, index(attribute(key)), key);
   };
   ImportedSplats splats;
   const std::vector<float> scale =
@@ -276,6 +282,32 @@ ImportedSplats read_primitive(const GlbFile& glb, const Json& primitive, std::si
     }
   note_unused(attributes, splats.sh_degree, splats.report);
   return splats;
+}
+
+[[noreturn]] void refuse_extension(const std::string& extension, const std::string& name) {
+  fail(ErrorKind::data,
+       "{}: the extension {} is not supported: export the splats without it, or as PLY or SPZ, with the "
+       "program "
+       "that wrote the file",
+       name, extension);
+}
+
+// Throws if the file requires an extension that this reader does not support.
+void check_required(const Json& json, const std::string& name) {
+  if (!json.contains("extensionsRequired")) return;
+  for (const Json& required : json["extensionsRequired"])
+    if (const auto extension = required.get<std::string>();
+        std::ranges::find(kSupported, extension) == std::end(kSupported))
+      refuse_extension(extension, name);
+}
+
+// Throws if the splats of a primitive have another kernel than ellipses, or if another extension describes
+// them, for example compression.
+void check_kernel(const Json& splatting, const std::string& name) {
+  if (splatting.contains("extensions"))
+    for (const auto& [extension, value] : splatting["extensions"].items()) refuse_extension(extension, name);
+  if (const auto kernel = splatting.value("kernel", "ellipse"); kernel != "ellipse")
+    fail(ErrorKind::data, "{}: kernel '{}' is not supported, only 'ellipse'", name, kernel);
 }
 
 template <std::size_t N>
@@ -381,6 +413,7 @@ ImportedSplats parse_glb(std::span<const std::byte> file, const std::string& nam
   std::size_t without = 0;
   bool animated = false;
   try {
+    check_required(glb.json, name);
     const Json& meshes = glb.json.at("meshes");
     for (std::size_t m = 0; m < meshes.size(); ++m)
       for (const Json& primitive : meshes[m].at("primitives")) {
@@ -389,10 +422,7 @@ ImportedSplats parse_glb(std::span<const std::byte> file, const std::string& nam
           continue;
         }
         const Json& extension = primitive["extensions"][kSplatting];
-        if (const auto kernel = extension.value("kernel", "ellipse");
-            kernel != "ellipse" || extension.contains("extensions"))
-          fail(ErrorKind::data, "{}: kernel '{}' and its extensions are not supported, only plain ellipses",
-               name, kernel);
+        check_kernel(extension, name);
         if (const auto space = extension.value("colorSpace", ""); space.starts_with("lin")) linear = space;
         ImportedSplats part = read_primitive(glb, primitive, splats ? splats->count() : 0, name);
         part.offset = place_of_mesh(glb.json, m, name);

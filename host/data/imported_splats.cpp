@@ -6,6 +6,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <optional>
 #include <span>
 
 namespace ubs {
@@ -47,6 +48,31 @@ void raise_degree(ImportedSplats& s, int degree) {
   s.sh.assign(s.count() * 3 * s.coefficients(), 0.0f);
   for (std::size_t i = 0; i < s.count(); ++i)
     std::ranges::copy(std::span(old).subspan(i * before, before), &s.sh[i * 3 * s.coefficients()]);
+}
+
+// Returns the median of the coordinates, in whole numbers, if the splats are so far from the origin that
+// rounding their positions to float32 would be visible. Medians are used, because a few distant splats, such
+// as those of a sky, hardly change them.
+std::optional<std::array<double, 3>> far_origin(const Coordinates& coordinates) {
+  std::array<double, 3> centre{};
+  double distance = 0, size = 0;
+  for (std::size_t k = 0; k < 3; ++k) {
+    const auto median = [](std::vector<double> values) {
+      std::erase_if(values, [](double v) { return !std::isfinite(v); });
+      if (values.empty()) return 0.0;
+      const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+      std::ranges::nth_element(values, middle);
+      return *middle;
+    };
+    centre[k] = median(coordinates[k]);
+    std::vector<double> deviations = coordinates[k];
+    for (double& v : deviations) v = std::abs(v - centre[k]);
+    size = std::max(size, median(std::move(deviations)));
+    distance = std::hypot(distance, centre[k]);
+  }
+  if (distance <= kFarSplats * size || distance >= 1e15) return {};
+  for (double& v : centre) v = std::round(v);
+  return centre;
 }
 
 }  // namespace
@@ -102,35 +128,27 @@ ImportedSplats part_of(const ImportedSplats& splats, std::size_t first, std::siz
   return part;
 }
 
-void place(ImportedSplats& splats, const std::array<std::vector<double>, 3>& coordinates) {
-  // Medians are used, because a few distant splats, such as those of a sky, hardly change them.
-  std::array<double, 3> centre{};
-  double distance = 0, size = 0;
+void place(ImportedSplats& splats, const Coordinates& coordinates) {
+  const std::optional<std::array<double, 3>> origin = far_origin(coordinates);
   for (std::size_t k = 0; k < 3; ++k) {
-    const auto median = [](std::vector<double> values) {
-      std::erase_if(values, [](double v) { return !std::isfinite(v); });
-      if (values.empty()) return 0.0;
-      const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-      std::ranges::nth_element(values, middle);
-      return *middle;
-    };
-    centre[k] = median(coordinates[k]);
-    std::vector<double> deviations = coordinates[k];
-    for (double& v : deviations) v = std::abs(v - centre[k]);
-    size = std::max(size, median(std::move(deviations)));
-    distance = std::hypot(distance, centre[k]);
-  }
-  const bool far = distance > kFarSplats * size && distance < 1e15;
-  for (std::size_t k = 0; k < 3; ++k) {
-    const double origin = far ? std::round(centre[k]) : 0;
-    splats.offset[k] += origin;
+    if (origin) splats.offset[k] += (*origin)[k];
     for (std::size_t i = 0; i < splats.count(); ++i)
-      splats.positions[i][k] = static_cast<float>(coordinates[k][i] - origin);
+      splats.positions[i][k] = static_cast<float>(coordinates[k][i] - (origin ? (*origin)[k] : 0));
   }
-  if (far)
+  if (origin)
     splats.report.note(
         fmt::format("splats far from the origin: coordinates are relative to ({:.0f}, {:.0f}, {:.0f})",
                     splats.offset[0], splats.offset[1], splats.offset[2]));
+}
+
+void apply_offset(ImportedSplats& splats) {
+  if (splats.offset == std::array<double, 3>{}) return;
+  Coordinates coordinates;
+  for (std::size_t k = 0; k < 3; ++k)
+    for (const auto& position : splats.positions) coordinates[k].push_back(position[k] + splats.offset[k]);
+  if (far_origin(coordinates)) return;
+  splats.offset = {};
+  place(splats, coordinates);
 }
 
 void clean(ImportedSplats& s) {

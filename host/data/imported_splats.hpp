@@ -60,10 +60,16 @@ void append(ImportedSplats& splats, const ImportedSplats& more);
 // Returns `count` splats starting at `first`.
 ImportedSplats part_of(const ImportedSplats& splats, std::size_t first, std::size_t count);
 
-// Sets the positions from one vector of coordinates per axis. If they are so far from the origin that
-// rounding to float32 would be visible, they are stored relative to an offset of whole numbers. In this case,
-// the offset is added to `splats.offset`, and the report gets a note.
-void place(ImportedSplats& splats, const std::array<std::vector<double>, 3>& coordinates);
+using Coordinates = std::array<std::vector<double>, 3>;  // one vector per axis
+
+// Sets the positions from the coordinates. If they are so far from the origin that rounding to float32 would
+// be visible, they are stored relative to an offset of whole numbers. In this case, the offset is added to
+// `splats.offset`, and the report gets a note.
+void place(ImportedSplats& splats, const Coordinates& coordinates);
+
+// Adds the offset to the positions and sets it to zero, unless the splats are then so far from the origin
+// that rounding to float32 would be visible.
+void apply_offset(ImportedSplats& splats);
 
 // Normalises the quaternions, clamps the opacity logits, and raises log scales below kFlatLogScale to this
 // value, which makes these splats discs. Drops splats that cannot be rendered, because they have values that

@@ -191,8 +191,8 @@ void check_size(const PlyHeader& header, std::size_t available, const std::strin
 
 void check_elements(const PlyHeader& header, std::size_t available, const std::string& name) {
   for (const PlyElement& element : header.elements) {
-    if (element.has_list || element.stride == 0)
-      fail(ErrorKind::data, "{}: element {} has a list property, or no properties", name, element.name);
+    if (element.has_list) fail(ErrorKind::data, "{}: element {} has a list property", name, element.name);
+    if (element.stride == 0) continue;  // rows without properties have no bytes
     if (element.count > available / element.stride)
       fail(ErrorKind::data,
            "{}: truncated: the header announces {} rows of element {}, but there are bytes for {}", name,
@@ -239,9 +239,10 @@ void read_ascii_rows(std::ifstream& stream, const PlyHeader& header,
       rows[r][i] = value;
     }
   }
-  // Each row of a further element, such as a face, is also one line.
+  // Each row of a further element, such as a face, is also one line. Rows without properties are blank.
   std::size_t promised = 0, found = 0;
-  for (std::size_t e = 1; e < header.elements.size(); ++e) promised += header.elements[e].count;
+  for (std::size_t e = 1; e < header.elements.size(); ++e)
+    if (header.elements[e].has_list || header.elements[e].stride > 0) promised += header.elements[e].count;
   while (found <= promised && std::getline(stream, line))
     found += line.find_first_not_of(" \t\r") != std::string::npos;
   if (found != promised)

@@ -205,6 +205,19 @@ std::vector<double> numbers_of(const Json& array, std::size_t least, const std::
 // SogFiles is a function that returns the bytes of a file whose name is in meta.json.
 using SogFiles = std::function<std::vector<std::byte>(const std::string& member)>;
 
+// SogBook contains the values that the bytes of a channel stand for. `where` names the codebook in messages.
+struct SogBook {
+  std::vector<float> values;
+  std::string where;
+
+  float operator[](std::uint8_t index) const {
+    if (index >= values.size())
+      fail(ErrorKind::data, "{} has {} entries, but the image refers to entry {} (counted from 0)", where,
+           values.size(), index);
+    return values[index];
+  }
+};
+
 struct SogImages {
   const SogFiles& files;
   const Json& meta;
@@ -226,14 +239,12 @@ struct SogImages {
   std::vector<double> numbers(const char* group, const char* key, std::size_t least) const {
     return numbers_of(meta.at(group).at(key), least, fmt::format("{}: meta.json: {}.{}", name, group, key));
   }
-  // Returns the value that each byte of a channel stands for.
-  std::vector<float> book(const char* group, std::size_t channel = 0) const {
-    std::vector<float> values(kBook);  // remains 0 for indices beyond the end of the codebook in the file
+  SogBook book(const char* group, std::size_t channel = 0) const {
     if (version() == 2) {
       const std::vector<double> book = numbers(group, "codebook", 1);
-      for (std::size_t b = 0; b < std::min(kBook, book.size()); ++b) values[b] = static_cast<float>(book[b]);
-      return values;
+      return {{book.begin(), book.end()}, fmt::format("{}: meta.json: {}.codebook", name, group)};
     }
+    std::vector<float> values(kBook);
     // For spherical harmonics of higher degrees (shN), the bounds are single numbers for all channels.
     const auto bound = [&](const char* key) {
       const Json& bounds = meta.at(group).at(key);
@@ -242,7 +253,7 @@ struct SogImages {
     const double low = bound("mins"), high = bound("maxs");
     for (std::size_t b = 0; b < kBook; ++b)
       values[b] = static_cast<float>(std::lerp(low, high, static_cast<double>(b) / (kBook - 1)));
-    return values;
+    return {std::move(values), {}};
   }
 };
 
@@ -263,7 +274,7 @@ void read_harmonics(const SogImages& images, ImportedSplats& splats) {
   if (promised > kPalette)
     fail(ErrorKind::data, "{}: the palette has {} entries, which is more than the format allows", images.name,
          promised);
-  const std::vector<float> book = images.book("shN");
+  const SogBook book = images.book("shN");
   const std::size_t rows = (promised + kPaletteRow - 1) / kPaletteRow;
   const Rgba8 palette = images.get("shN", 0, rows * kPaletteRow * higher), labels = images.get("shN", 1, n);
   const std::size_t entries =
@@ -303,10 +314,10 @@ ImportedSplats read_images(const SogImages& images, std::size_t bytes) {
               sh0 = images.get("sh0", 0, n);
   const std::vector<double> least = images.numbers("means", "mins", 3),
                             most = images.numbers("means", "maxs", 3);
-  std::array<std::vector<float>, 3> scale_book, colour_book;
+  std::array<SogBook, 3> scale_book, colour_book;
   for (std::size_t c = 0; c < 3; ++c)
     scale_book[c] = images.book("scales", c), colour_book[c] = images.book("sh0", c);
-  const std::vector<float> logits = version == 1 ? images.book("sh0", 3) : std::vector<float>();
+  const SogBook logits = version == 1 ? images.book("sh0", 3) : SogBook();
   require_memory(n * (kSplatBytes + 12 * splats.coefficients()),
                  fmt::format("{}: {} splats", images.name, n));
   splats.resize(n);

@@ -87,7 +87,11 @@ constexpr SplatFormat kFormats[] = {
      .title = "3DGS PLY",
      .extension = ".ply",
      .holds = Holds::gaussians,
-     .recognise = [](const FileStart& s) { return has_property(s, " f_dc_0"); },
+     .recognise =
+         [](const FileStart& s) {
+           return has_property(s, " f_dc_0") || (has_property(s, " red") && has_property(s, " scale_0") &&
+                                                 has_property(s, " rot_0") && !has_property(s, " beta_0"));
+         },
      .read = read_gaussian_ply,
      .write = write_gaussian_ply,
      .keeps_offset = true,
@@ -229,9 +233,22 @@ constexpr OtherFile kOthers[] = {
            "a training",
            rows_of(s, "vertex"));
      }},
+    {[](const FileStart& s) {
+       return has_property(s, " scale_0") && has_property(s, " rot_0") && !has_property(s, " beta_0") &&
+              !has_property(s, " red");
+     },
+     [](const FileStart&) -> std::string {
+       return "splats without colours: property 'f_dc_0' of 3DGS, or 'red' with bytes, is missing";
+     }},
     {[](const FileStart& s) { return is_zip(s) && has_member(s, "data.pkl"); },
      [](const FileStart&) -> std::string {
        return "a PyTorch checkpoint: export the splats as PLY with the program that wrote it";
+     }},
+    {[](const FileStart& s) {
+       return s.bytes.starts_with("\x93NUMPY") || (is_zip(s) && has_member(s, ".npy"));
+     },
+     [](const FileStart&) -> std::string {
+       return "arrays of NumPy: export the splats as PLY with the program that wrote it";
      }},
     {is_zip, what_zip},
     {is_gzip, what_gzip},
@@ -239,7 +256,9 @@ constexpr OtherFile kOthers[] = {
        return s.bytes.starts_with("7z\xbc\xaf") || s.bytes.starts_with("Rar!") || s.extension == ".tar";
      },
      [](const FileStart&) -> std::string { return "an archive: unpack it first"; }},
-    {[](const FileStart& s) { return has_key(s, "frames"); },
+    {[](const FileStart& s) {
+       return has_key(s, "frames") || (has_key(s, "img_name") && has_key(s, "rotation"));
+     },
      [](const FileStart&) -> std::string { return "cameras of a data folder, no splats"; }},
     {[](const FileStart& s) { return has_key(s, "asset") && has_key(s, "meshes"); },
      [](const FileStart&) -> std::string { return "glTF as text: save it as one binary file (.glb)"; }},
@@ -310,7 +329,7 @@ FileStart start_of(const fs::path& path) {
   if (is_gzip(start)) look_into_gzip(stream, size, start, path.string());
   if (is_zip(start)) start.members = zip_member_names(path);
   if ((start.extension == ".json" || start.extension == ".gltf") && text != std::string::npos &&
-      start.bytes[text] == '{' && size <= kLargestJson)
+      (start.bytes[text] == '{' || start.bytes[text] == '[') && size <= kLargestJson)
     start.json = read_text_file(path);
   return start;
 }
@@ -336,6 +355,8 @@ ImportedSplats read_as(const SplatFormat& format, const fs::path& path, std::opt
   if (splats.count() == 0 && dropped > 0)
     fail(ErrorKind::data, "{}: none of its {} splats can be rendered: {}", path.string(), dropped,
          splats.report.skipped.front().why);
+  // The offset of a PLY file is a comment of ubs. Those of other files are translations.
+  if (format.extension != ".ply") apply_offset(splats);
   return splats;
 }
 

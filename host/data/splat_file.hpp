@@ -28,8 +28,8 @@ struct FileStart {
   std::vector<std::string> ply = {};      // header lines of a PLY file, with one blank between words
   std::vector<std::string> members = {};  // names of the files in a ZIP archive; empty if it is damaged
   std::string packed = {};                // first unpacked bytes of a gzip file; empty if it is damaged
-  // Text of a file with the extension .json or .gltf that contains a JSON object; empty for other files and
-  // for files of more than 64 MiB.
+  // Text of a file with the extension .json or .gltf that contains a JSON object or array; empty for other
+  // files and for files of more than 64 MiB.
   std::string json = {};
 };
 

@@ -6,7 +6,8 @@
 //   components with 10 bits each.
 // - spherical harmonics of degree 1 and higher (8 bits per number; the channel is the fastest index)
 // Versions 2 and 3 compress the whole file with gzip. In version 4, each attribute is a Zstandard stream, and
-// a table contains the sizes of the streams.
+// a table contains the sizes of the streams. Records of extensions (a type, a size and data) follow the
+// attributes in versions 2 and 3, and the header in version 4.
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
@@ -25,7 +26,11 @@ using Bytes = std::span<const std::byte>;
 
 constexpr std::uint32_t kSpzMagic = 0x5053474e;  // "NGSP"
 constexpr std::size_t kHeader = 16;
-constexpr std::uint8_t kAntialiased = 1;
+constexpr std::size_t kHeaderV4 = 32;
+constexpr std::uint8_t kAntialiased = 1, kExtended = 2;  // flags
+// Types of extensions, and the largest size of all extensions of a file.
+constexpr std::uint32_t kOrbitCamera = 0xadbe0002, kCoordinateSystem = 0xadbe0003;
+constexpr std::size_t kMaxExtensions = 1 << 20;
 constexpr double kColourScale = 0.15;  // scale of the coefficient of degree 0 of the spherical harmonics
 constexpr int kFractionBits = 12;      // fraction bits that the writer uses if the scene is not too large
 // Maximum absolute value of a coordinate in quantisation steps. The largest signed number with 24 bits is one
@@ -64,6 +69,56 @@ Header read_header(ByteReader& in) {
 std::array<std::size_t, 6> attribute_sizes(const Header& h) {
   const std::size_t harmonics = 3 * (static_cast<std::size_t>((h.degree + 1) * (h.degree + 1)) - 1);
   return {9, 1, 3, 3, h.version == 2 ? 3u : 4u, harmonics};
+}
+
+using Signs = std::array<float, 3>;
+
+struct Extensions {
+  Signs signs{1, -1, -1};  // factors that convert x, y and z of the file to the axes of PLY files
+  LoadReport report;
+};
+
+// Returns the factors that convert a coordinate system of the extension to the axes of PLY files, x right, y
+// down and z forward. The systems 1 to 8 (LDB, RDB, LUB, RUB, LDF, RDF, LUF, RUF) only differ in the signs of
+// the axes; 0 is the usual system of SPZ files, which is RUB. In the systems 9 to 16, y and z are exchanged.
+Signs signs_of(std::uint32_t system, const std::string& name) {
+  if (system == 0) return Extensions().signs;
+  if (system > 8)
+    fail(ErrorKind::data,
+         "{}: coordinate system {} of the extension SPZ_ADOBE_coordinate_system is not supported, only "
+         "0 to 8: export the splats with y up or y down, or as PLY",
+         name, system);
+  const std::uint32_t bits = system - 1;
+  return {bits & 1 ? 1.0f : -1.0f, bits & 2 ? -1.0f : 1.0f, bits & 4 ? 1.0f : -1.0f};
+}
+
+// Reads the records of the extensions from the remaining bytes.
+Extensions read_extensions(ByteReader& in) {
+  Extensions found;
+  std::size_t unknown = 0;
+  std::uint32_t example = 0;
+  while (in.remaining() > 0) {
+    const auto type = in.read<std::uint32_t>(), size = in.read<std::uint32_t>();
+    ByteReader data(in.take(size), in.name());
+    if (type == kCoordinateSystem)
+      found.signs = signs_of(data.read<std::uint32_t>(), in.name());
+    else if (type == kOrbitCamera)
+      found.report.note(
+          "the extension SPZ_ADOBE_safe_orbit_camera is not used: it limits where viewers move");
+    else if (++unknown == 1)
+      example = type;
+  }
+  if (unknown > 0)
+    found.report.note(fmt::format(
+        "{} extensions are ignored, because their meaning is unknown (such as {:#x})", unknown, example));
+  return found;
+}
+
+// Returns the sign of each coefficient of degree 1 to 3 of the spherical harmonics if x, y and z are
+// multiplied by `signs`. It is the product of the signs of the coordinates in the polynomial.
+std::array<float, 15> harmonic_signs(const Signs& signs) {
+  const auto [x, y, z] = signs;
+  return {y, z, x, x * y, y * z, 1, x * z, 1, y, x * y * z, y, z, x, z, x};
 }
 
 std::uint8_t byte_at(Bytes bytes, std::size_t i) { return std::to_integer<std::uint8_t>(bytes[i]); }
@@ -106,16 +161,20 @@ std::array<float, 4> rotation_v3(Bytes bytes, std::size_t i) {
   return {xyzw[3], xyzw[0], xyzw[1], xyzw[2]};
 }
 
-ImportedSplats unpack(const Header& h, const std::array<Bytes, 6>& a, const std::string& name) {
+ImportedSplats unpack(const Header& h, const std::array<Bytes, 6>& a, const Extensions& extensions,
+                      const std::string& name) {
   ImportedSplats splats;
+  splats.report = extensions.report;
   splats.sh_degree = std::min<int>(h.degree, 3);
   splats.antialiased = h.flags & kAntialiased;
   splats.resize(h.count);
   const double step = std::ldexp(1.0, -h.fraction_bits);
   const std::size_t stored = attribute_sizes(h)[5], coefficients = splats.coefficients();
+  const auto [x, y, z] = extensions.signs;
+  const std::array<float, 15> signs = harmonic_signs(extensions.signs);
   for (std::size_t i = 0; i < h.count; ++i) {  // harmonics of degree 4 are dropped
-    splats.positions[i] = {position_at(a[0], 3 * i, step), -position_at(a[0], 3 * i + 1, step),
-                           -position_at(a[0], 3 * i + 2, step)};
+    splats.positions[i] = {x * position_at(a[0], 3 * i, step), y * position_at(a[0], 3 * i + 1, step),
+                           z * position_at(a[0], 3 * i + 2, step)};
     splats.opacity_logits[i] = logit_of(byte_at(a[1], i) / 255.0);
     float* sh = &splats.sh[i * 3 * coefficients];
     for (std::size_t c = 0; c < 3; ++c) {
@@ -123,16 +182,15 @@ ImportedSplats unpack(const Header& h, const std::array<Bytes, 6>& a, const std:
       splats.log_scales[i][c] = static_cast<float>(byte_at(a[3], 3 * i + c)) / 16.0f - 10.0f;
     }
     const std::array<float, 4> q = h.version == 2 ? rotation_v2(a[4], i) : rotation_v3(a[4], i);
-    splats.rotations[i] = {q[0], q[1], -q[2], -q[3]};
+    splats.rotations[i] = {q[0], y * z * q[1], x * z * q[2], x * y * q[3]};
     for (std::size_t k = 0; k + 3 < 3 * coefficients; ++k)
-      sh[k + 3] =
-          kHalfTurnSigns[k / 3] * (static_cast<float>(byte_at(a[5], i * stored + k)) - 128.0f) / 128.0f;
+      sh[k + 3] = signs[k / 3] * (static_cast<float>(byte_at(a[5], i * stored + k)) - 128.0f) / 128.0f;
   }
   splats.report.layout = fmt::format("SPZ version {}", h.version);
   splats.report.folder = name;
   if (h.degree > 3) splats.report.note("spherical harmonics of degree 4 are dropped");
   if (splats.antialiased) splats.report.note("the splats were trained with antialiasing");
-  if (const int others = h.flags & ~kAntialiased; others != 0)
+  if (const int others = h.flags & ~(kAntialiased | kExtended); others != 0)
     splats.report.note(fmt::format("flags {:#x} are ignored, because their meaning is unknown", others));
   clean(splats);
   return splats;
@@ -144,10 +202,18 @@ ImportedSplats parse_v4(Bytes file, const std::string& name) {
   const std::size_t table = in.read<std::uint32_t>();
   const auto sizes = attribute_sizes(h);
   const std::size_t wanted = h.degree > 0 ? 6 : 5;
-  if (h.streams < wanted || table < 32 || table > file.size() || (file.size() - table) / 16 < h.streams)
+  if (h.streams < wanted || table < kHeaderV4 || table > file.size() ||
+      (file.size() - table) / 16 < h.streams)
     fail(ErrorKind::data,
          "{}: {} streams with a table at byte {} are not valid: the attributes need {} streams", name,
          h.streams, table, wanted);
+  ByteReader between(file.first(table), name);
+  between.skip(kHeaderV4);
+  Extensions extensions;
+  if (h.flags & kExtended)
+    extensions = read_extensions(between);
+  else if (between.remaining() > 0)
+    extensions.report.note(fmt::format("{} bytes after the header are not used", between.remaining()));
   ByteReader toc(file.subspan(table), name);
   std::size_t at = table + 16 * std::size_t{h.streams};
   std::array<std::vector<std::byte>, 6> plain;
@@ -171,7 +237,7 @@ ImportedSplats parse_v4(Bytes file, const std::string& name) {
     at += packed;
   }
   if (at != file.size()) fail(ErrorKind::data, "{}: {} bytes follow the last stream", name, file.size() - at);
-  ImportedSplats splats = unpack(h, attributes, name);
+  ImportedSplats splats = unpack(h, attributes, extensions, name);
   if (h.streams > wanted)
     splats.report.note(
         fmt::format("{} streams after those of the attributes are not used", h.streams - wanted));
@@ -220,8 +286,9 @@ ImportedSplats parse_spz(Bytes payload, const std::string& name) {
   std::array<Bytes, 6> attributes;
   const auto sizes = attribute_sizes(h);
   for (std::size_t s = 0; s < 6; ++s) attributes[s] = in.take(sizes[s] * h.count);
+  const Extensions extensions = h.flags & kExtended ? read_extensions(in) : Extensions();
   if (in.remaining() > 0) fail(ErrorKind::data, "{}: {} bytes follow the last splat", name, in.remaining());
-  return unpack(h, attributes, name);
+  return unpack(h, attributes, extensions, name);
 }
 
 ImportedSplats read_spz(const std::filesystem::path& path) {
@@ -240,7 +307,8 @@ ImportedSplats read_spz(const std::filesystem::path& path) {
   const Header h = read_header(in);
   const auto sizes = attribute_sizes(h);
   const std::size_t splat = std::accumulate(sizes.begin(), sizes.end(), std::size_t{0});
-  return parse_spz(inflate_gzip(bytes, kHeader + splat * h.count + 1, name), name);
+  const std::size_t more = h.flags & kExtended ? kMaxExtensions : 1;
+  return parse_spz(inflate_gzip(bytes, kHeader + splat * h.count + more, name), name);
 }
 
 void write_spz(const std::filesystem::path& path, const ImportedSplats& splats) {

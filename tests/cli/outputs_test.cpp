@@ -282,6 +282,20 @@ TEST_CASE("outputs: commands replace a file only with --overwrite, and never the
   }
   check_refused(folder, "reduce --model run/model.ply --data data --out x.ply --effects x.ply",
                 "two results");
+  for (const auto& [command, message] :
+       {std::pair{
+            "reduce run/model.ply data --out r.spz",
+            "r.spz: a UBS model, which 'ubs convert' converts to other formats, is written to this file: "
+            "choose a name that ends with .ply"},
+        {"reduce run/model.ply data --out r.ply --effects r.json", "r.json: CSV is written"},
+        {"web run/model.ply --out page.html --poster p.jpg", "p.jpg: PNG is written"},
+        {"web run/model.ply --out page.ply", "page.ply: HTML is written"},
+        {"eval run/model.ply data --out e.csv", "e.csv: JSON is written"},
+        {"metrics data/test/r_000.png data/test/r_001.png --out m.png", "m.png: JSON is written"},
+        {"report run --out r.json", "r.json: HTML is written"},
+        {"pack data --out p.mp4", "p.mp4: a packed data set is written"},
+        {"convert run/model.ply c.spz --to 3dgs --distill 0", "c.spz: 3DGS PLY is written"}})
+    check_refused(folder, command, message);
 }
 
 TEST_CASE("outputs: commands that write to a folder replace existing results only with --overwrite") {

@@ -100,7 +100,7 @@ TEST_CASE("formats: GLB preserves values up to the precision of float32, and the
   TempFolder folder;
   for (const int degree : {0, 1, 2, 3}) {
     ImportedSplats splats = random_splats(70, degree);
-    splats.offset = {100, -2.5, 7};
+    splats.offset = {1e6, -2.5, 7};
     write_glb(folder / "a.glb", splats);
     CHECK(detect_splat_format(folder / "a.glb").name == "glb");
     const ImportedSplats back = read_foreign_splats(folder / "a.glb");
@@ -109,11 +109,21 @@ TEST_CASE("formats: GLB preserves values up to the precision of float32, and the
     CHECK(back.positions == splats.positions);
     CHECK(back.offset == splats.offset);
     CHECK(load_splat_model(folder / "a.glb").comments ==
-          std::vector<std::string>{"ubs_up 0 -1 0", "ubs_offset 100 -2.5 7"});
+          std::vector<std::string>{"ubs_up 0 -1 0", "ubs_offset 1000000 -2.5 7"});
     CHECK(d.rotation < 1e-6);
     CHECK(d.log_scale < 2e-6);  // exp and log are computed in float32; observed difference: 4.8e-7
     CHECK(d.opacity < 2e-7);
   }
+  // A translation that float32 can store is added to the positions, so that other formats store it too.
+  ImportedSplats near = random_splats(70, 3);
+  near.offset = {100, -2.5, 7};
+  write_glb(folder / "a.glb", near);
+  const ImportedSplats moved_splats = read_foreign_splats(folder / "a.glb");
+  CHECK(moved_splats.offset == std::array<double, 3>{});
+  for (std::size_t i = 0; i < 70; ++i)
+    for (std::size_t k = 0; k < 3; ++k)
+      CHECK(moved_splats.positions[i][k] == static_cast<float>(near.positions[i][k] + near.offset[k]));
+
   const std::string file = get(folder / "a.glb");
   const auto changed = [&](const std::string& from, const std::string& to) {
     std::string bytes = file;
@@ -122,7 +132,8 @@ TEST_CASE("formats: GLB preserves values up to the precision of float32, and the
     bytes.replace(bytes.find(from), from.size(), to);
     return message_of([&] { parse_glb(std::as_bytes(std::span(bytes)), "b.glb"); });
   };
-  CHECK_THAT(changed("\"count\":70", "\"count\":79"), Contains("b.glb: accessor 0 does not fit into the file"));
+  CHECK_THAT(changed("\"count\":70", "\"count\":79"),
+             Contains("b.glb: accessor 0 does not fit into the file"));
   CHECK_THAT(changed("\"ellipse\"", "\"ellipsx\""), Contains("kernel 'ellipsx'"));
   CHECK_THAT(changed("splatting:OPACITY", "splatting:OPACITx"), Contains("OPACITY is missing"));
   CHECK_THAT(changed("\"translation\":[100.0,2.5,-7.0]", "\"scale\":[1,1,2]               "),
@@ -311,6 +322,123 @@ TEST_CASE("formats: SPZ rotates harmonics like the positions", "[formats]") {
   const auto a = colours_from(splats, {9, -8, 7}), b = colours_from(back, {9, -8, 7});
   for (std::size_t i = 0; i < a.size(); ++i)
     for (std::size_t c = 0; c < 3; ++c) CHECK(std::abs(a[i][c] - b[i][c]) < 0.02);
+}
+
+namespace {
+
+std::string number_text(std::uint64_t value, std::size_t bytes) {
+  return {reinterpret_cast<const char*>(&value), bytes};
+}
+
+// Returns the record of an SPZ extension with one 32-bit number.
+std::string spz_record(std::uint32_t type, std::uint32_t number) {
+  return number_text(type, 4) + number_text(4, 4) + number_text(number, 4);
+}
+
+// Returns the data of an SPZ file of version 3 with the flag "has extensions" and these records at the end.
+std::string spz_with(const std::filesystem::path& path, const std::string& records) {
+  const std::string packed = get(path);
+  const std::vector<std::byte> plain = inflate_gzip(std::as_bytes(std::span(packed)), 1 << 20, "test");
+  std::string text(reinterpret_cast<const char*>(plain.data()), plain.size());
+  text[14] |= 2;
+  return text + records;
+}
+
+// Returns the same splats as an SPZ file of version 4, whose Zstandard streams are not compressed.
+std::string spz_v4_of(const std::string& v3, std::size_t records) {
+  std::uint32_t count = 0;
+  std::memcpy(&count, v3.data() + 8, sizeof count);
+  const int degree = v3[12];
+  std::string table, streams;
+  std::size_t at = 16;
+  for (const int width : {9, 1, 3, 3, 4, 3 * ((degree + 1) * (degree + 1) - 1)}) {
+    const std::size_t size = count * static_cast<std::size_t>(width);
+    const std::string stream = number_text(0xfd2fb528, 4) + "\xa0" + number_text(size, 4) +
+                               number_text(size << 3 | 1, 3) + v3.substr(at, size);
+    table += number_text(stream.size(), 8) + number_text(size, 8);
+    streams += stream;
+    at += size;
+  }
+  REQUIRE(at + records == v3.size());
+  return v3.substr(0, 4) + number_text(4, 4) + v3.substr(8, 7) + "\6" + number_text(32 + records, 4) +
+         std::string(12, '\0') + v3.substr(at) + table + streams;
+}
+
+}  // namespace
+
+TEST_CASE("formats: SPZ files with an extension for the coordinate system are converted from it",
+          "[formats]") {
+  const TempFolder folder;
+  const ImportedSplats splats = random_splats(20, 3);
+  write_spz(folder / "a.spz", splats);  // in the system RUB
+  const ImportedSplats plain = read_spz(folder / "a.spz");
+  constexpr std::uint32_t kType = 0xadbe0003;
+  constexpr std::string_view kSystems[] = {"RUB", "LDB", "RDB", "LUB", "RUB", "LDF", "RDF", "LUF", "RUF"};
+  for (std::uint32_t system = 0; system <= 8; ++system) {
+    INFO(system);
+    const std::string_view axes = kSystems[system];
+    const std::array<float, 3> mirror{axes[0] == 'R' ? 1.0f : -1.0f, axes[1] == 'U' ? 1.0f : -1.0f,
+                                      axes[2] == 'B' ? 1.0f : -1.0f};
+    const std::string v3 = spz_with(folder / "a.spz", spz_record(kType, system));
+    put(folder / "v3.spz", v3);
+    put(folder / "v4.spz", spz_v4_of(v3, 12));
+    for (const char* name : {"v3.spz", "v4.spz"}) {
+      INFO(name);
+      const ImportedSplats back = read_spz(folder / name);
+      REQUIRE(back.count() == 20);
+      CHECK(back.report.notes.empty());
+      const auto a = colours_from(plain, {9, -8, 7}),
+                 b = colours_from(back, {9 * mirror[0], -8 * mirror[1], 7 * mirror[2]});
+      for (std::size_t i = 0; i < 20; ++i) {
+        const auto covariance = [&](const ImportedSplats& s) {
+          const auto& q = s.rotations[i];
+          const auto& l = s.log_scales[i];
+          return covariance_of({q[0], q[1], q[2], q[3]}, {std::exp(l[0]), std::exp(l[1]), std::exp(l[2])});
+        };
+        Mat3 expected = covariance(plain);
+        for (std::size_t r = 0; r < 3; ++r) {
+          CHECK(back.positions[i][r] == mirror[r] * plain.positions[i][r]);
+          CHECK(b[i][r] == Approx(a[i][r]).margin(1e-6));
+          for (std::size_t c = 0; c < 3; ++c) expected[r][c] *= mirror[r] * mirror[c];
+        }
+        CHECK(relative_difference(expected, covariance(back)) < 1e-5);
+      }
+    }
+  }
+  for (const std::uint32_t system : {9, 12, 17}) {
+    put(folder / "b.spz", spz_with(folder / "a.spz", spz_record(kType, system)));
+    CHECK_THAT(
+        message_of([&] { read_foreign_splats(folder / "b.spz"); }),
+        Contains(fmt::format("b.spz: coordinate system {} of the extension SPZ_ADOBE_coordinate", system)));
+  }
+}
+
+TEST_CASE("formats: SPZ extensions that are not used give notes", "[formats]") {
+  const TempFolder folder;
+  write_spz(folder / "a.spz", random_splats(20, 1));
+  const std::string v3 = spz_with(folder / "a.spz", spz_record(0xadbe0002, 1) + spz_record(0x12340001, 2));
+  const std::vector<std::byte> packed = deflate_gzip(std::as_bytes(std::span(v3)));
+  put(folder / "v3.spz", {reinterpret_cast<const char*>(packed.data()), packed.size()});
+  put(folder / "v4.spz", spz_v4_of(v3, 24));
+  for (const char* name : {"v3.spz", "v4.spz"}) {
+    INFO(name);
+    const ImportedSplats back = read_foreign_splats(folder / name);
+    CHECK(back.positions == read_spz(folder / "a.spz").positions);
+    REQUIRE(back.report.notes.size() == 2);
+    CHECK_THAT(back.report.notes[0], Contains("SPZ_ADOBE_safe_orbit_camera"));
+    CHECK_THAT(back.report.notes[1], Contains("1 extensions are ignored") && Contains("0x12340001"));
+  }
+  // Without the flag, the bytes are not records.
+  std::string unflagged = v3;
+  unflagged[14] = 0;
+  put(folder / "b.spz", unflagged);
+  CHECK_THAT(message_of([&] { read_foreign_splats(folder / "b.spz"); }),
+             Contains("24 bytes follow the last splat"));
+  put(folder / "b.spz", spz_v4_of(unflagged, 24));
+  CHECK_THAT(read_foreign_splats(folder / "b.spz").report.notes.at(0),
+             Contains("24 bytes after the header are not used"));
+  put(folder / "b.spz", v3.substr(0, v3.size() - 1));
+  CHECK_THAT(message_of([&] { read_foreign_splats(folder / "b.spz"); }), Contains("b.spz: truncated"));
 }
 
 TEST_CASE("formats: invalid splats are dropped and counted, and invalid files are rejected", "[formats]") {

@@ -517,6 +517,14 @@ TEST_CASE("kinds: errors describe files without splats", "[formats]") {
       {"a.7z", "7z\xbc\xaf and more", "an archive: unpack it first"},
       {"transforms.json", R"({"frames": []})", "cameras of a data folder, no splats"},
       {"a.gltf", R"({"asset": {}, "meshes": []})", "save it as one binary file (.glb)"},
+      {"cameras.json", R"([{"id": 0, "img_name": "a", "rotation": [], "fx": 1}])",
+       "cameras of a data folder, no splats"},
+      {"list.json", "[]", "a JSON file, no splats"},
+      {"a.npy", "\x93NUMPY and more", "arrays of NumPy: export the splats as PLY"},
+      {"a.npz", zip_of({{"means.npy", "x"}, {"quats.npy", "x"}}),
+       "arrays of NumPy: export the splats as PLY"},
+      {"colourless.ply", ply_of(random_splats(2, 0), {.without = {"f_dc_0", "f_dc_1", "f_dc_2"}}),
+       "splats without colours: property 'f_dc_0'"},
       {"other.json", "{}", "a JSON file, no splats"},
       {"a.las", "LASF and more", "a point cloud, no splats"},
       {"w.ply", "<!DOCTYPE html>", "a web page"},
@@ -531,6 +539,95 @@ TEST_CASE("kinds: errors describe files without splats", "[formats]") {
   }
   CHECK(describe_file(folder / "n.bin").empty());
   CHECK_THAT(describe_file(folder / "d.zip"), Contains("unpack it first"));
+}
+
+TEST_CASE("kinds: a PLY file of nerfstudio with one colour per splat is read", "[formats]") {
+  const TempFolder folder;
+  const ImportedSplats splats = random_splats(1, 0);
+  const auto ply = [&](const char* type) {
+    std::string file = ply_of(splats, {.extra = {"red"}, .without = {"f_dc_0", "f_dc_1", "f_dc_2"}});
+    file.resize(file.size() - sizeof(float));
+    return replaced(file, "property float red\n",
+                    fmt::format("property {0} red\nproperty {0} green\nproperty {0} blue\n", type));
+  };
+  put(folder / "a.ply", ply("uchar") + std::string("\xff\x00\x33", 3));
+  CHECK(detect_splat_format(folder / "a.ply").name == "3dgs");
+  const ImportedSplats back = read_foreign_splats(folder / "a.ply");
+  CHECK(back.report.notes.empty());
+  CHECK(back.positions == splats.positions);
+  CHECK(back.log_scales == splats.log_scales);
+  const double colours[] = {1, 0, 0.2};
+  for (std::size_t c = 0; c < 3; ++c) CHECK(kShC0 * back.sh[c] + 0.5 == Approx(colours[c]).margin(1e-6));
+  put(folder / "b.ply", ply("float") + std::string(12, '\0'));
+  CHECK_THAT(message_of([&] { read_foreign_splats(folder / "b.ply"); }),
+             Contains("b.ply: property 'red' must have the type uchar"));
+}
+
+TEST_CASE("kinds: a compressed PLY file of gsplat has an element sh without properties", "[formats]") {
+  const TempFolder folder;
+  const std::string file = compressed_ply("", "");
+  put(folder / "a.ply", replaced(file, "end_header\n", "element sh 1\nend_header\n"));
+  const ImportedSplats splats = read_foreign_splats(folder / "a.ply");
+  CHECK(splats.count() == 1);
+  CHECK(splats.sh_degree == 0);
+  CHECK(splats.report.notes.empty());
+  put(folder / "b.ply", replaced(file, "end_header\n", "element sh 2\nend_header\n"));
+  CHECK_THAT(message_of([&] { read_foreign_splats(folder / "b.ply"); }),
+             Contains("the element sh has 2 rows"));
+  // In ASCII files, such rows have no lines.
+  const std::string ascii = ply_of(random_splats(3, 0), {.ascii = true});
+  put(folder / "c.ply", replaced(ascii, "end_header\n", "element surplus 2\nend_header\n"));
+  CHECK(read_foreign_splats(folder / "c.ply").count() == 3);
+}
+
+TEST_CASE("kinds: an index beyond the end of a SOG codebook is an error", "[formats]") {
+  const TempFolder folder;
+  write_sog(folder / "a.sog", random_splats(40, 1));
+  const auto message = [&](const char* group, std::size_t entries) {
+    auto members = members_of(folder / "a.sog");
+    for (auto& [name, text] : members)
+      if (name == "meta.json") {
+        ordered_json meta = ordered_json::parse(text);
+        std::vector<double> book = meta[group]["codebook"];
+        book.resize(entries);
+        meta[group]["codebook"] = book;
+        text = meta.dump();
+      }
+    put(folder / "b.sog", zip_of(members));
+    return message_of([&] { read_foreign_splats(folder / "b.sog"); });
+  };
+  for (const char* group : {"scales", "sh0", "shN"})
+    CHECK_THAT(message(group, 3), Contains(fmt::format("b.sog: meta.json: {}.codebook has 3 entries, but the "
+                                                       "image refers to entry",
+                                                       group)));
+  CHECK(message("sh0", 256).empty());
+}
+
+TEST_CASE("kinds: a glTF file that needs other extensions or lacks values is refused with one line",
+          "[formats]") {
+  const TempFolder folder;
+  write_glb(folder / "a.glb", random_splats(10, 0));
+  const auto message = [&](const std::function<void(ordered_json&)>& change) {
+    put(folder / "b.glb", changed_glb(get(folder / "a.glb"), change));
+    return message_of([&] { read_foreign_splats(folder / "b.glb"); });
+  };
+  const auto primitive = [](ordered_json& j) -> ordered_json& { return j["meshes"][0]["primitives"][0]; };
+  CHECK_THAT(message([&](ordered_json& j) {
+               primitive(j)["extensions"]["KHR_gaussian_splatting"]["extensions"] = {
+                   {"KHR_gaussian_splatting_compression_spz_2", {{"bufferView", 0}}}};
+             }),
+             Contains("the extension KHR_gaussian_splatting_compression_spz_2 is not supported: export"));
+  CHECK_THAT(message([](ordered_json& j) {
+               j["extensionsRequired"] = {"KHR_gaussian_splatting", "KHR_draco_mesh_compression"};
+             }),
+             Contains("b.glb: the extension KHR_draco_mesh_compression is not supported"));
+  CHECK(message([](ordered_json& j) {
+          j["extensionsRequired"] = {"KHR_gaussian_splatting", "KHR_mesh_quantization"};
+        }).empty());
+  CHECK(message([&](ordered_json& j) { primitive(j)["attributes"].erase("POSITION"); }) ==
+        (folder / "b.glb").string() + ": the attribute POSITION is missing");
+  CHECK_THAT(message([](ordered_json& j) { j["accessors"][2].erase("bufferView"); }),
+             Contains("b.glb: accessor 2 has no bufferView, so its values are missing"));
 }
 
 TEST_CASE("kinds: a file without any valid splat is an error", "[formats]") {

@@ -12,6 +12,8 @@
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
 #include "host/base/paths.hpp"
+#include "host/data/load_dataset.hpp"
+#include "host/data/splat_file.hpp"
 
 namespace ubs::tools {
 namespace {
@@ -95,6 +97,18 @@ void check_output_files(const Paths& files, const Paths& inputs, bool overwrite)
     if (access(folder_of(file).c_str(), W_OK | X_OK) != 0)
       fail(ErrorKind::data, "{}: cannot write: {}", file.string(), std::strerror(errno));
   }
+}
+
+void check_extension(const fs::path& file, const std::string& what,
+                     const std::vector<std::string_view>& extensions) {
+  constexpr std::array kOthers{".ubsz", ".ubsd", ".ksplat", ".json", ".csv", ".html",
+                               ".htm",  ".mp4",  ".m4v",    ".avi",  ".mkv", ".mov"};
+  const std::string extension = small_extension(file);
+  const bool known = has_splat_extension(file) || has_image_extension(file) ||
+                     std::ranges::find(kOthers, extension) != kOthers.end();
+  if (known && std::ranges::find(extensions, extension) == extensions.end())
+    fail(ErrorKind::usage, "{}: {} is written to this file: choose a name that ends with {}", file.string(),
+         what, extensions.front());
 }
 
 void check_apart(const fs::path& folder, const Paths& data) {

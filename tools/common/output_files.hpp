@@ -6,6 +6,8 @@
 #include <CLI/CLI.hpp>
 #include <filesystem>
 #include <memory>
+#include <string>
+#include <string_view>
 #include <vector>
 
 #include "host/base/folder_lock.hpp"
@@ -32,6 +34,12 @@ void check_free(const Paths& files, bool overwrite);
 void check_apart(const std::filesystem::path& folder, const Paths& data);
 // Throws Error(usage) if images of the views are directly in the folder.
 void check_apart_from_images(const std::filesystem::path& folder, const Split& views);
+
+// Throws Error(usage) if the file has the extension of another known format than the one that is written to
+// it. `what` names the format in the message, such as "JSON". `extensions` are those of the format. An empty
+// path is skipped, and names without an extension or with an unknown one are allowed.
+void check_extension(const std::filesystem::path& file, const std::string& what,
+                     const std::vector<std::string_view>& extensions);
 
 // Prepares a folder for files with these `names`. Calls check_apart() and checks the files like
 // check_output_files(), with the data as inputs. Then creates the folder if necessary and locks it against
