@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // load_blender_split() loads one split of a data folder in the layout of NeRF Synthetic and D-NeRF:
-// transforms_{train,val,test}.json next to the image folders (method.md 4.5, 4.6). Every inconsistency is an
-// error that names the file and the frame.
+// transforms_{train,val,test}.json next to the image folders (method.md 4.5, 4.6). load_blender()
+// (load_dataset.hpp) loads all splits.
 #pragma once
 
 #include <filesystem>
@@ -24,13 +24,9 @@ bool has_blender_split(const std::filesystem::path& folder, const std::string& s
 // principal point is the image centre. Quantities in pixels refer to w x h of the JSON and are rescaled if
 // the image has another size.
 //
-// If `lazy` is set, views get an image source instead of pixels.
-//
-// If a `report` is passed and options.load_images is set, a missing image of the train split is an error. In
-// other splits, views without an image file are skipped, and the split is empty if no image file exists; the
-// report gets a note in both cases. Otherwise, a view whose image file does not exist is kept with an empty
-// image if the JSON has w and h.
+// A view whose image file does not exist is kept with an empty image if the JSON has w and h. In contrast,
+// load_blender() skips such views if options.load_images is set.
 Split load_blender_split(const std::filesystem::path& folder, const std::string& split,
-                         const DatasetOptions& options = {}, bool lazy = false, LoadReport* report = nullptr);
+                         const DatasetOptions& options = {});
 
 }  // namespace ubs

@@ -8,9 +8,11 @@
 #include <cmath>
 #include <map>
 #include <set>
+#include <unordered_set>
 
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
+#include "host/base/json.hpp"
 #include "host/base/parallel.hpp"
 #include "host/base/paths.hpp"
 #include "host/base/text.hpp"
@@ -35,30 +37,6 @@ namespace fs = std::filesystem;
 constexpr double kFarFromOrigin = 256;
 
 constexpr const char* kSplits[] = {"train", "test", "val"};
-
-LoadedScene load_blender(const fs::path& folder, const DatasetOptions& options) {
-  LoadedScene scene;
-  std::vector<std::string> empty;
-  for (const char* name : kSplits) {
-    if (!has_blender_split(folder, name)) continue;
-    Split split = load_blender_split(folder, name, options, true, &scene.report);
-    if (split.views.empty())
-      empty.push_back(name);
-    else
-      scene.splits.push_back(std::move(split));
-  }
-  if (scene.splits.empty() && empty.empty())
-    fail(ErrorKind::data,
-         "{}: this folder contains no transforms_train.json, transforms_val.json or transforms_test.json",
-         folder.string());
-  if (scene.splits.empty() || std::ranges::find(empty, "train") != empty.end())
-    fail(ErrorKind::data,
-         "{}: {}; copy the images to the places that 'file_path' states, or correct 'file_path'",
-         folder.string(), scene.report.notes.front());
-  const fs::path points = folder / "points3d.ply";
-  if (path_exists(points)) take_points(DataRoot(folder, options.read.allow_outside).check(points), scene);
-  return scene;
-}
 
 std::array<double, 3> mean_position(const Split& split) {
   std::array<double, 3> mean{};
@@ -150,6 +128,24 @@ void take_points(const fs::path& file, LoadedScene& scene) {
   }
   if (!points.unused.empty()) scene.report.note_difference(fmt::format("{}: {}", name, points.unused));
   scene.points = std::move(points);
+}
+
+void note_shared_images(const std::vector<Split>& splits, LoadReport& report) {
+  const auto train = std::ranges::find(splits, "train", &Split::name);
+  if (train == splits.end()) return;
+  std::unordered_set<std::string> of_train;
+  for (const View& view : train->views) of_train.insert(view.file.string());
+  for (const Split& split : splits) {
+    if (split.name == "train") continue;
+    std::set<fs::path> shared;
+    for (const View& view : split.views)
+      if (!view.file.empty() && of_train.contains(view.file.string())) shared.insert(view.file);
+    if (!shared.empty())
+      report.note_difference(fmt::format(
+          "{} images of the split {} are also training images (such as {}): their quality says nothing about "
+          "other views",
+          shared.size(), split.name, shared.begin()->filename().string()));
+  }
 }
 
 bool has_image_extension(const fs::path& path) {
@@ -279,7 +275,7 @@ constexpr Layout kLayouts[] = {
      load_blender, "transforms_train.json, transforms_val.json or transforms_test.json", ""},
     {"nerfstudio", "nerfstudio",
      [](const fs::path& path) {
-       return is_regular(path) ? path.extension() == ".json" : path_exists(path / "transforms.json");
+       return is_regular(path) ? small_extension(path) == ".json" : path_exists(path / "transforms.json");
      },
      load_nerfstudio, "transforms.json", "--test-every"},
     {"colmap", "COLMAP", [](const fs::path& path) { return !find_colmap_model(path).empty(); }, load_colmap,
@@ -295,18 +291,99 @@ const Layout& layout_named(std::string_view name) {
        fmt::join(layout_names(), ", "));
 }
 
+// Returns whether the file is JSON and its top level has a non-empty array `frames` of objects.
+bool has_frames(const fs::path& file) {
+  const std::string text = read_text_file(file);
+  if (text.find("\"frames\"") == std::string::npos) return false;
+  try {
+    const Json json = parse_json(text, file.string());
+    return json.is_object() && json.contains("frames") && json["frames"].is_array() &&
+           !json["frames"].empty() && json["frames"][0].is_object();
+  } catch (const Error&) {  // the file is damaged, so it is not suggested
+    return false;
+  }
+}
+
 // If the folder contains JSON files with frames, such as transforms_colmap.json, throws an error whose
 // message lists them.
 void name_transforms_files(const fs::path& folder) {
   std::vector<std::string> names;
   for (const fs::path& file : folder_entries(folder))
-    if (small_extension(file) == ".json" && is_regular(file) &&
-        read_text_file(file).find("\"frames\"") != std::string::npos)
+    if (small_extension(file) == ".json" && is_regular(file) && has_frames(file))
       names.push_back(file.filename().string());
   if (names.empty()) return;
   fail(ErrorKind::data, "{}: no transforms.json, but {} {} frames with cameras: give the file itself: {}",
        folder.string(), fmt::join(names, ", "), names.size() == 1 ? "has" : "have",
        shell_word((folder / names.front()).string()));
+}
+
+// Returns the layout of a folder, or null. A folder that cannot be read has no layout.
+const Layout* layout_of(const fs::path& folder) {
+  try {
+    for (const Layout& layout : kLayouts)
+      if (layout.recognise(folder)) return &layout;
+  } catch (const Error&) {
+  }
+  return nullptr;
+}
+
+// Lists the subfolders of a folder, and their subfolders, except hidden ones. One more level is listed below
+// folders that COLMAP creates.
+void list_subfolders(const fs::path& folder, int levels, std::vector<fs::path>& list) {
+  if (levels == 0) return;
+  for (const fs::path& entry : folder_entries(folder)) {
+    const std::string name = entry.filename().string();
+    if (name.starts_with('.') || has_image_extension(entry) || !is_folder(entry)) continue;
+    list.push_back(entry);
+    try {
+      list_subfolders(entry, name == "sparse" || name == "colmap" ? levels : levels - 1, list);
+    } catch (const Error&) {  // a folder that cannot be read contains no data
+    }
+  }
+}
+
+// If a subfolder or the parent folder contains cameras, throws an error whose message says what to pass
+// instead of `folder`.
+void name_folders_nearby(const fs::path& folder) {
+  std::vector<fs::path> below, models, packed;
+  std::vector<std::string> data;
+  list_subfolders(folder, 2, below);
+  below.insert(below.begin(), folder);
+  for (const fs::path& sub : below) {
+    for (const char* name : {"cameras.bin.gz", "cameras.txt.gz"})
+      if (path_exists(sub / name)) packed.push_back(sub / name);
+    const Layout* layout = layout_of(sub);
+    if (!layout) continue;
+    if (layout->load == load_colmap && !is_folder(sub / "images") && pictures_in(sub).empty())
+      models.push_back(sub);
+    else
+      data.push_back(fmt::format("{} ({})", shell_word(sub.string()), layout->name));
+  }
+  if (!data.empty())
+    fail(ErrorKind::data, "{}: not a data set, but {}: pass {}", folder.string(),
+         data.size() == 1 ? "one of its subfolders is" : "some of its subfolders are",
+         data.size() > 3   ? fmt::format("one of {}, ... ({} folders)",
+                                         fmt::join(data.begin(), data.begin() + 3, ", "), data.size())
+         : data.size() > 1 ? fmt::format("one of {}", fmt::join(data, ", "))
+                           : data.front());
+  fs::path above = (folder / "..").lexically_normal();
+  if (above.filename().empty()) above = above.parent_path();  // removes the slash at the end
+  if (const Layout* layout = layout_of(above))
+    fail(ErrorKind::data, "{}: not a data set, but the folder that contains it is: pass {} ({})",
+         folder.string(), shell_word(above.string()), layout->name);
+  if (!models.empty()) {
+    const fs::path& sub = models.front();
+    const fs::path images = *std::ranges::max_element(
+        below, {}, [](const fs::path& candidate) { return pictures_in(candidate).size(); });
+    fail(
+        ErrorKind::data,
+        "{}: not a data set, but there is a COLMAP model in {}: move its files to {}, or pass {} --images {}",
+        folder.string(), find_colmap_model(sub).string(), (folder / "sparse/0").string(),
+        shell_word(sub.string()), shell_word(images.lexically_relative(sub).string()));
+  }
+  if (!packed.empty())
+    fail(ErrorKind::data, "{}: {} is packed: unpack the files first: gunzip {}/*.gz", folder.string(),
+         packed.front().string(), shell_word(packed.front().parent_path().string()));
 }
 
 // Adds a note for each layout other than `used` whose files the folder also contains.
@@ -315,6 +392,39 @@ void note_other_layouts(const fs::path& path, const Layout& used, LoadReport& re
     if (&layout != &used && layout.recognise(path))
       report.note(fmt::format("the folder also has {}: not used (to use it instead: --layout {})",
                               layout.description(), layout.name));
+}
+
+// Adds notes about pinhole cameras whose intrinsics are unusual, so that they may be wrong. Views that show a
+// part of a wide image are not tested, because they are cropped.
+void note_unusual_lenses(const std::vector<Split>& splits, LoadReport& report) {
+  constexpr double kWidest = 170, kDegree = 3.14159265358979 / 180;
+  struct Found {
+    std::size_t count = 0;
+    const View* first = nullptr;
+    void add(const View& view) { first = count++ == 0 ? &view : first; }
+  } outside, wide;
+  // The angle of an image whose principal point is its centre, because the principal point may be wrong too.
+  const auto widest = [&](const Camera& c) {
+    return 2 / kDegree * std::atan(std::max(c.width / c.fx, c.height / c.fy) / 2);
+  };
+  for (const Split& split : splits)
+    for (const View& view : split.views) {
+      const Camera& c = view.camera;
+      if (!view.part_of.empty()) continue;
+      if (!(c.cx >= 0 && c.cx <= c.width && c.cy >= 0 && c.cy <= c.height)) outside.add(view);
+      if (widest(c) > kWidest) wide.add(view);
+    }
+  if (const View* v = outside.first)
+    report.note(
+        fmt::format("the principal point of {} views is outside of the image (such as {}: {:.6g}, "
+                    "{:.6g} in an image of {}x{} pixels)",
+                    outside.count, v->name, v->camera.cx, v->camera.cy, v->camera.width, v->camera.height));
+  if (const View* v = wide.first)
+    report.note(
+        fmt::format("the angle of view of {} pinhole views is larger than {:g} degrees (such as {}: {:.1f} "
+                    "degrees): is the focal length in pixels? Values relative to the image size must be "
+                    "multiplied by its width and height",
+                    wide.count, kWidest, v->name, widest(v->camera)));
 }
 
 }  // namespace
@@ -342,7 +452,12 @@ std::string detect_layout(const fs::path& path) {
          what.empty() ? ": pass a data folder, a transforms file (.json) or a packed data set (.ubsd)"
                       : ", but " + what);
   }
+  if (path_exists(path / "model.ply") && path_exists(path / "config.yaml"))
+    fail(ErrorKind::data,
+         "{}: this is the output folder of a training, not a data set: pass the folder of its data",
+         path.string());
   name_transforms_files(path);
+  name_folders_nearby(path);
   for (const fs::path& folder : {path, path / "images"})
     if (const std::size_t count = pictures_in(folder).size(); count > 1)
       fail(ErrorKind::data, "{}: {} images but no cameras: find the cameras with COLMAP: ubs cameras {}",
@@ -383,6 +498,7 @@ Dataset open_undecoded(const fs::path& path, const DatasetOptions& options) {
   }
   data.depth_bounds = std::move(scene.depth_bounds);
   data.report = std::move(scene.report);
+  note_unusual_lenses(data.splits, data.report);
   if (options.read.test_every == 0 &&
       std::ranges::find(data.splits, "test", &Split::name) != data.splits.end())
     data.report.note("--test-every 0 has no effect, because the data state their test views");

@@ -52,6 +52,9 @@ struct LoadedScene {
 // used, and the report gets a note.
 void take_points(const std::filesystem::path& file, LoadedScene& scene);
 
+// Adds a note for each other split that contains images of the split train.
+void note_shared_images(const std::vector<Split>& splits, LoadReport& report);
+
 // Returns whether the file name has the extension of a supported image format, such as .png or .jpg.
 bool has_image_extension(const std::filesystem::path& path);
 // Returns the image files in a folder, sorted, without those in subfolders. Returns an empty list if the
@@ -82,6 +85,7 @@ void decode_images(Dataset& data, const DatasetOptions& options);
 // Calls open_undecoded() and decode_images().
 Dataset load_dataset(const std::filesystem::path& path, const DatasetOptions& options = {});
 
+LoadedScene load_blender(const std::filesystem::path& folder, const DatasetOptions& options);
 LoadedScene load_nerfstudio(const std::filesystem::path& path, const DatasetOptions& options);
 LoadedScene load_colmap(const std::filesystem::path& folder, const DatasetOptions& options);
 LoadedScene load_llff(const std::filesystem::path& folder, const DatasetOptions& options);

@@ -23,65 +23,10 @@ namespace {
 namespace fs = std::filesystem;
 using namespace frames;
 
-// Returns the name of the camera model. instant-ngp writes is_fisheye instead of a name. The model is OPENCV
-// if the JSON has neither.
-std::string camera_model(const Node& frame, const Node& file) {
-  for (const Node* node : {&frame, &file}) {
-    if (node->has("camera_model")) return node->text("camera_model");
-    if (!node->has("is_fisheye")) continue;
-    const Json& fisheye = node->json["is_fisheye"];
-    if (!fisheye.is_boolean()) fail(ErrorKind::data, "{}: 'is_fisheye' must be true or false", node->where);
-    return fisheye.get<bool>() ? "OPENCV_FISHEYE" : "OPENCV";
-  }
-  return "OPENCV";
-}
-
-// Returns the lens model with this name or alias, without regard to case.
-const LensModel& json_lens_model(std::string name, const std::string& where) {
-  std::ranges::transform(name, name.begin(),
-                         [](char c) { return c >= 'a' && c <= 'z' ? static_cast<char>(c - 32) : c; });
-  std::vector<std::string_view> known;
-  for (const LensModel& model : lens_models()) {
-    std::vector<std::string_view> names = words_of(model.json_aliases);
-    names.insert(names.begin(), model.name);
-    if (std::ranges::find(names, name) != names.end()) return model;
-    known.insert(known.end(), names.begin(), names.end());
-  }
-  fail(ErrorKind::data,
-       "{}: camera_model '{}' is not known: undistort the images to PINHOLE, or use one of {}", where,
-       name.substr(0, 40), fmt::join(known, ", "));
-}
-
-Lens read_lens(const Node& frame, const Node& file, ImageSize size) {
-  const LensModel& model = json_lens_model(camera_model(frame, file), frame.where);
-  Lens lens{model.formula, 1, 1, 0, 0, size.width, size.height, {}};
-  std::vector<std::string_view> names = words_of(model.parameters);
-  if (std::ranges::find(names, "w") != names.end()) {
-    // The model is EQUIRECTANGULAR, for which focal lengths in the file have no meaning.
-    lens.set("w", size.width), lens.set("h", size.height);
-  } else {
-    Camera camera;
-    set_intrinsics(camera, frame, file, size, size);
-    lens.fx = camera.fx, lens.fy = camera.fy, lens.cx = camera.cx, lens.cy = camera.cy;
-  }
-  for (const std::string_view extra : words_of(model.json_extra)) names.push_back(extra);
-  for (const std::string_view coefficient : words_of(model.formula->coefficients))
-    if (std::ranges::find(names, coefficient) != names.end())
-      lens.set(coefficient, lookup(frame, file, std::string(coefficient).c_str()).value_or(0.0));
-  // A coefficient that the lens model does not have would be silently ignored, so it is an error.
-  for (const char* key : {"k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2"})
-    if (const double value = lookup(frame, file, key).value_or(0.0);
-        value != 0 && std::ranges::find(names, key) == names.end())
-      fail(ErrorKind::data,
-           "{}: '{}' = {} is not a coefficient of the camera model {}: undistort the images first",
-           frame.where, key, value, model.name);
-  check_lens(lens, frame.where);
-  return lens;
-}
-
 struct NamedView {
   View view;
   std::string file_path;
+  bool test = false;  // from the list 'test_frames'
 };
 
 // Returns the paths of the frames that are in a list (train_filenames, val_filenames or test_filenames), or
@@ -114,6 +59,11 @@ std::optional<std::set<std::string>> name_list(const Node& file, const char* key
   return names;
 }
 
+// ScanNet++ states the test views in a list of their own.
+bool has_test_frames(const Node& file) {
+  return file.has("test_frames") && !file.json["test_frames"].empty();
+}
+
 std::vector<Split> make_splits(std::vector<NamedView> named, const Node& file, const DatasetOptions& options,
                                LoadReport& report) {
   using Names = std::optional<std::set<std::string>>;
@@ -124,8 +74,22 @@ std::vector<Split> make_splits(std::vector<NamedView> named, const Node& file, c
     return std::ranges::any_of(lists,
                                [&](const auto& l) { return l.second && l.second->contains(n.file_path); });
   };
+  const bool listed_names =
+      std::ranges::any_of(lists, [](const auto& list) { return list.second.has_value(); });
   std::vector<View> views;
-  if (std::ranges::none_of(lists, [](const auto& list) { return list.second.has_value(); })) {
+  if (has_test_frames(file)) {
+    if (listed_names)
+      fail(ErrorKind::data,
+           "{}: there are both 'test_frames' and lists of file names, such as 'train_filenames': remove one "
+           "of the two",
+           file.where);
+    std::vector<Split> splits{{"train", {}}, {"test", {}}};
+    for (NamedView& n : named) splits[n.test].views.push_back(std::move(n.view));
+    std::erase_if(splits, [](const Split& split) { return split.views.empty(); });
+    report.note("the test views are those of the list 'test_frames'");
+    return splits;
+  }
+  if (!listed_names) {
     for (NamedView& n : named) views.push_back(std::move(n.view));
     return split_views(std::move(views), options.read.test_every, report);
   }
@@ -157,20 +121,6 @@ std::optional<ImageSize> size_of(const Node& frame, const Node& file, const fs::
   return image.empty() ? std::nullopt : std::optional(image_file_size(image));
 }
 
-// Returns, for each frame, the file whose name is in the field `key` of the frame. The path is empty if the
-// frame has no such field, or if the file does not exist.
-std::vector<fs::path> files_of(NamedFiles& files, const std::vector<Node>& frames, const char* key,
-                               const fs::path& folder, NamedFiles::Kind kind) {
-  std::vector<StatedName> names;
-  std::vector<std::size_t> of_frame;
-  for (std::size_t i = 0; i < frames.size(); ++i)
-    if (frames[i].has(key)) names.push_back({frames[i].text(key), frames[i].where}), of_frame.push_back(i);
-  const std::vector<fs::path> found = files.find(folder, names, kind);
-  std::vector<fs::path> result(frames.size());
-  for (std::size_t i = 0; i < found.size(); ++i) result[of_frame[i]] = found[i];
-  return result;
-}
-
 }  // namespace
 
 LoadedScene load_nerfstudio(const fs::path& path, const DatasetOptions& options) {
@@ -179,52 +129,59 @@ LoadedScene load_nerfstudio(const fs::path& path, const DatasetOptions& options)
   const DataRoot root(path, options.read.allow_outside);
   const Json json = parse_file(json_path == path ? path : root.check(json_path));
   const Node file{json, json_path.string()};
-  std::vector<Node> frames;
-  for (std::size_t i = 0; i < json["frames"].size(); ++i) {
-    frames.push_back(frame_node(json, i, json_path.string()));
-    frames.back().text("file_path");
+  std::vector<Node> frames = frame_nodes(json, file.where);
+  const std::size_t count_of_frames = frames.size();  // without those of 'test_frames'
+  if (has_test_frames(file)) {
+    const std::vector<Node> test = frame_nodes(json, file.where, "test_frames");
+    for (const Node& frame : test) frames.push_back(frame);
   }
+  for (const Node& frame : frames) frame.text("file_path");
+  check_times(frames);
   NamedFiles files(root, folder);
-  const std::vector<fs::path> images = files_of(files, frames, "file_path", folder, NamedFiles::Kind::image);
+  std::vector<fs::path> images = stated_files(files, frames, "file_path", folder, NamedFiles::Kind::image);
   const std::vector<fs::path> mask_files =
-      files_of(files, frames, "mask_path", folder, NamedFiles::Kind::mask);
+      stated_files(files, frames, "mask_path", folder, NamedFiles::Kind::mask);
+  std::size_t bad = 0;
+  for (std::size_t i = 0; i < frames.size(); ++i)
+    if (frames[i].flag("is_bad")) images[i].clear(), ++bad;
+  if (bad == frames.size()) fail(ErrorKind::data, "{}: all frames have 'is_bad': true", file.where);
   const auto image_of = [](const Node& frame) { return frame.text("file_path"); };
   const bool some = std::ranges::any_of(images, [](const fs::path& image) { return !image.empty(); });
   if (options.load_images && !some)
     fail(ErrorKind::data,
          "{}: none of the {} images exists: for example, {}; copy the images there or correct 'file_path'",
          json_path.string(), frames.size(), files.missing(folder, image_of(frames[0])));
+  const std::size_t masks = count_masks(files, frames, images, mask_files, folder);
   LoadedScene scene;
   std::vector<NamedView> named;
   std::vector<View> unique;
   std::vector<std::size_t> counts;  // number of views of each frame
-  std::size_t masks = 0;
+  std::size_t rounded_poses = 0;
   double low = 0, high = 0;
   for (std::size_t i = 0; i < frames.size(); ++i) {
     const Node& frame = frames[i];
     const fs::path& image = images[i];
+    if (frame.flag("is_bad")) {
+      scene.report.skip(image_of(frame), "the frame has 'is_bad': true");
+      continue;
+    }
     if (image.empty() && some) {  // if no image exists at all, the cameras are loaded without images
       scene.report.skip(image_of(frame), "the image does not exist");
       continue;
     }
-    NamedView n{{}, fs::path(image_of(frame)).lexically_normal().string()};
+    NamedView n{{}, fs::path(image_of(frame)).lexically_normal().string(), i >= count_of_frames};
     n.view.name = view_name(shown_name(image, image_of(frame)).filename());
-    set_pose(n.view.camera, frame);
+    rounded_poses += set_pose(n.view.camera, frame);
     const double time = frame.has("time") ? frame.number("time") : 0.0;
     low = named.empty() ? time : std::min(low, time);
     high = named.empty() ? time : std::max(high, time);
     n.view.camera.time = time;
-    const fs::path& mask = mask_files[i];
-    if (mask.empty() && frame.has("mask_path") && some)
-      fail(ErrorKind::data, "{}: the mask {}; copy the masks there or correct 'mask_path'", frame.where,
-           files.missing(folder, frame.text("mask_path")));
-    masks += !mask.empty();
     const auto size = size_of(frame, file, image);
     if (!size)
       fail(ErrorKind::data, "{}: the image {}, and the JSON has no 'w' and 'h'", frame.where,
            files.missing(folder, image_of(frame)));
-    counts.push_back(
-        append_views(unique, n.view, read_lens(frame, file, *size), image, mask, options, scene.report));
+    counts.push_back(append_views(unique, n.view, read_lens(frame, file, *size), image, mask_files[i],
+                                  options, scene.report));
     for (std::size_t k = unique.size() - counts.back(); k < unique.size(); ++k) {
       check_camera(unique[k].camera, frame.where);
       named.push_back(n);
@@ -237,18 +194,17 @@ LoadedScene load_nerfstudio(const fs::path& path, const DatasetOptions& options)
     time = high > low ? (time - low) / (high - low) : 0.0;
   }
   if (masks > 0) scene.report.note(fmt::format("{} masks: masked pixels are ignored", masks));
-  if (file.has("ply_file_path")) {
-    const std::string name = file.text("ply_file_path");
-    const fs::path points = files.find(folder, {{name, file.where}}, NamedFiles::Kind::points).front();
-    if (points.empty())
-      scene.report.note_difference(fmt::format("no points: 'ply_file_path' {}", files.missing(folder, name)));
-    else
-      take_points(points, scene);
-  }
+  note_rounded_poses(rounded_poses, scene.report);
+  if (file.has("fisheye_crop_radius"))
+    scene.report.note_difference(
+        "'fisheye_crop_radius' is not used: the pixels outside of this circle are used too, unless masks "
+        "('mask_path') exclude them");
+  take_stated_points(files, file, folder, scene);
   files.report(scene.report);
   scene.splits = make_splits(std::move(named), file, options, scene.report);
   if (scene.splits.empty())
     fail(ErrorKind::data, "{}: the lists of file names match no frame", json_path.string());
+  note_shared_images(scene.splits, scene.report);
   return scene;
 }
 

@@ -137,6 +137,11 @@ std::size_t append_views(std::vector<View>& views, const View& view, const Lens&
     plans = plan_views(actual, file.string());
     left_out = percent_left_out(plans);
   }
+  if (actual.formula->all_directions && actual.width != 2 * actual.height)
+    report.note_difference(
+        fmt::format("panoramas have {}x{} pixels, so they are not twice as wide as high: they are read as "
+                    "stretched images of 360 by 180 degrees",
+                    actual.width, actual.height));
   std::int64_t pixels = 0;
   for (const Undistortion& plan : plans) pixels += std::int64_t{plan.width} * plan.height;
   const Undistortion& first = plans[0];

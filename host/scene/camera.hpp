@@ -47,6 +47,9 @@ inline constexpr std::int64_t kMaxPixels = 1 << 29;
 // Returns `value`. Throws Error(data) with a message that starts with `what` if it is not finite or exceeds
 // kMaxMagnitude.
 double checked_input(double value, const std::string& what);
+// If the row-major matrix was rounded so coarsely, for example to three decimal places, that check_rotation()
+// would refuse it, replaces it by the nearest rotation and returns true. Other matrices stay unchanged.
+bool settle_rotation(std::array<double, 9>& rotation);
 // Throws Error(data) with a message that starts with `what` if the row-major matrix is not a rotation,
 // because of scale, shear, mirroring or NaN.
 void check_rotation(const std::array<double, 9>& rotation, const std::string& what);

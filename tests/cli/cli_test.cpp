@@ -253,9 +253,13 @@ TEST_CASE("cli: a missing training image is named before training") {
   const TempFolder folder;
   synthesise(folder);
   fs::remove(folder / "data/train/r_003.png");
+  const Result said = ubs_ok(folder, "info data");
+  CHECK((said.out + said.err).find("1 skipped: the image does not exist (./train/r_003)") !=
+        std::string::npos);
+  fs::remove_all(folder / "data/train");
   for (const char* command : {"train --data data --out o", "info data"})
     check_error(folder, command, 3,
-                "1 of 8 images do not exist: for example, './train/r_003' does not exist");
+                "none of the 8 images exists: for example, './train/r_000' does not exist");
 }
 
 TEST_CASE("cli: the files of train, eval, render and info agree with each other") {

@@ -153,7 +153,7 @@ TEST_CASE("blender: a fractional size matches an image whose size differs by les
 TEST_CASE("blender: time is normalised with the range of the training file", "[blender]") {
   TempFolder folder;
   const auto timed = [](const std::string& t) { return frame("\"time\": " + t); };
-  put(folder / "transforms_test.json", document(timed("3") + "," + timed("7") + "," + frame("")));
+  put(folder / "transforms_test.json", document(timed("3") + "," + timed("7")));
   const Split train = load(folder, document(timed("2") + "," + timed("4") + "," + timed("6")));
   CHECK(train.views[0].camera.time == 0.0);
   CHECK(train.views[1].camera.time == 0.5);
@@ -162,7 +162,13 @@ TEST_CASE("blender: time is normalised with the range of the training file", "[b
   CHECK(test.name == "test");
   CHECK(test.views[0].camera.time == 0.25);
   CHECK(test.views[1].camera.time == 1.25);  // outside the training range: not clamped
-  CHECK(test.views[2].camera.time == -0.5);  // a missing time is 0
+  // A frame without time among frames with time is an error, also if it is in another file.
+  CHECK_THAT(message_of([&] { load(folder, document(timed("2") + "," + frame(""))); }),
+             Contains("transforms_train.json: frame 1: 'time' is missing"));
+  CHECK_THAT(message_of([&] { load(folder, document(frame(""))); }),
+             Contains("transforms_train.json: frame 0: 'time' is missing") &&
+                 Contains("transforms_test.json: frame 0"));
+  std::filesystem::remove(folder / "transforms_test.json");
   CHECK(load(folder, document(timed("5") + "," + timed("5"))).views[1].camera.time == 0.0);
   CHECK(load(folder, document(frame(""))).views[0].camera.time == 0.0);
 }
@@ -233,15 +239,118 @@ TEST_CASE("blender: errors contain the file, the frame and the field", "[blender
   CHECK_THAT(bad_frame(frame("\"query\": 4")), Contains(place + "'query' must be an array"));
   CHECK_THAT(bad_frame(frame("\"query\": [null]")), Contains(place + "'query' must be an array of finite"));
   CHECK_THAT(bad_frame(frame("\"query\": [1]")),
-             Contains(place + "'query' has 1 values, but 'query' of frame 0 has 0"));
+             Contains(place + "'query' has 1 values, but 'query' of the first frame has 0"));
   CHECK_THAT(bad_frame(frame("\"w\": 8.5")), Contains(place + "'w' = 8.5 must be a whole number"));
   CHECK_THAT(bad_frame(frame("\"h\": 0")), Contains("'h' = 0"));
   CHECK_THAT(bad_frame(frame("\"h\": 1e12")), Contains("whole number"));
   CHECK_THAT(bad_frame(frame("\"fl_x\": -3")), Contains(place + "'fl_x' = -3 must be positive"));
   CHECK_THAT(bad_frame(frame("\"camera_angle_x\": 3.2")), Contains("between 0 and pi"));
   CHECK_THAT(bad_frame(frame("\"k1\": -0.2")), Contains(place + "'k1' = -0.2: lens distortion"));
+  for (const auto& [more, what] :
+       {std::pair{R"("is_fisheye": true)", "the camera model OPENCV_FISHEYE"},
+        {R"("camera_model": "OPENCV_FISHEYE", "k1": 0)", "OPENCV_FISHEYE"},
+        {R"("camera_model": "EQUIRECTANGULAR")", "the camera model EQUIRECTANGULAR"},
+        {R"("camera_model": "FOV", "omega": 0.9)", "'omega' = 0.9"},
+        {R"("camera_model": "FULL_OPENCV", "k6": 0.1)", "'k6' = 0.1"}})
+    CHECK_THAT(bad_frame(frame(more)), Contains(place + "") && Contains(what) && Contains("lens distortion"));
+  CHECK_THAT(bad_frame(frame("\"omega\": 0.9")), Contains("'omega' = 0.9 is not a coefficient"));
+  CHECK_THAT(bad_frame(frame("\"latlong\": true")), Contains("'latlong' of instant-ngp is not supported"));
+  CHECK(bad_frame(frame(R"("camera_model": "PINHOLE", "k1": 0, "is_fisheye": false)")).empty());
   CHECK(bad_frame(frame("\"k1\": 0.0, \"p2\": 0")).empty());
   CHECK_THAT(refusal(document(frame(""), "\"w\": 8, \"h\": 8")), Contains("'camera_angle_x' or 'fl_x'"));
+}
+
+namespace {
+
+// Writes images of 8x6 pixels with different colours.
+void put_pictures(const TempFolder& folder, const std::vector<std::string>& names) {
+  std::uint8_t grey = 40;
+  for (const std::string& name : names) {
+    std::filesystem::create_directories((folder / name).parent_path());
+    save_png(folder / name, {8, 6, std::vector<std::uint8_t>(8 * 6 * 3, grey += 20)});
+  }
+}
+
+std::string notes_of(const Dataset& data) {
+  std::string text;
+  for (const std::string& note : data.report.notes) text += note + "\n";
+  for (const LoadReport::Skipped& s : data.report.skipped)
+    text += fmt::format("{} skipped: {} ({})\n", s.count, s.why, s.examples.at(0));
+  return text;
+}
+
+std::string named(const std::string& path, const std::string& more = "") {
+  return frame(more, kIdentity, path);
+}
+
+}  // namespace
+
+TEST_CASE("blender: masks that frames name are used", "[blender]") {
+  const TempFolder folder;
+  put_pictures(folder, {"train/a.png", "test/a.png", "m/a.png"});
+  save_png(folder / "m/a.png", {8, 6, std::vector<std::uint8_t>(8 * 6 * 3, 0)});
+  for (const char* split : {"train", "test"})
+    put(folder / fmt::format("transforms_{}.json", split),
+        document(named(fmt::format("{}/a", split), R"("mask_path": "m/a.png")")));
+  const Dataset data = load_dataset(folder.path());
+  CHECK_THAT(notes_of(data), Contains("2 masks: masked pixels are ignored"));
+  for (const Split& split : data.splits) {
+    CHECK(split.views.at(0).masked);
+    CHECK(split.views.at(0).image.mask == std::vector<std::uint8_t>(8 * 6, 0));
+  }
+  put(folder / "transforms_test.json", document(named("test/a", R"("mask_path": "m/b.png")")));
+  CHECK_THAT(message_of([&] { load_dataset(folder.path()); }),
+             Contains("transforms_test.json: frame 0: the mask 'm/b.png' does not exist"));
+}
+
+TEST_CASE("blender: points are read from ply_file_path and from points3D.ply", "[blender]") {
+  const auto points_in = [](const std::string& file, const std::string& head) {
+    const TempFolder folder;
+    put(folder / "transforms_train.json", document(frame(""), R"("fl_x": 9, "w": 8, "h": 6)" + head));
+    put(folder / file,
+        "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\n"
+        "end_header\n1 2 3\n");
+    const Dataset data = load_dataset(folder.path(), {.load_images = false});
+    return data.points ? data.points->positions.size() : 0;
+  };
+  CHECK(points_in("cloud.ply", R"(, "ply_file_path": "cloud.ply")") == 1);
+  CHECK(points_in("points3D.ply", "") == 1);
+  CHECK(points_in("points3d.ply", R"(, "ply_file_path": "none.ply")") == 1);
+}
+
+TEST_CASE("blender: missing images and bad frames are skipped, and empty test files are accepted",
+          "[blender]") {
+  const TempFolder folder;
+  put_pictures(folder, {"train/a.png", "train/c.png"});
+  put(folder / "transforms_train.json",
+      document(named("train/a") + "," + named("train/b") + "," + named("train/c", R"("is_bad": true)")));
+  put(folder / "transforms_test.json", document(""));
+  Dataset data = load_dataset(folder.path());
+  CHECK(data.splits.size() == 1);
+  CHECK(data.splits[0].views.size() == 1);
+  CHECK_THAT(notes_of(data), Contains("1 skipped: the image does not exist (train/b)") &&
+                                 Contains("1 skipped: the frame has 'is_bad': true (train/c)") &&
+                                 Contains("no test split: transforms_test.json has no frames"));
+  put(folder / "transforms_train.json", document(named("train/a", R"("is_bad": true)")));
+  CHECK_THAT(message_of([&] { load_dataset(folder.path()); }), Contains("all frames have 'is_bad': true"));
+  put(folder / "transforms_train.json", document(""));
+  CHECK_THAT(message_of([&] { load_dataset(folder.path()); }),
+             Contains("transforms_train.json: 'frames' must be a non-empty array"));
+}
+
+TEST_CASE("blender: notes describe test views with unusual times, files or names", "[blender]") {
+  const TempFolder folder;
+  put_pictures(folder, {"train/a.png", "train/b.png"});
+  const auto timed = [](const char* name, double t) { return named(name, fmt::format(R"("time": {})", t)); };
+  put(folder / "transforms_train.json", document(timed("train/a.jpg", 0) + "," + timed("train/b.jpg", 2)));
+  put(folder / "transforms_test.json", document(timed("train/a.jpg", 1) + "," + timed("train/b.jpg", 3)));
+  const std::string notes = notes_of(load_dataset(folder.path()));
+  CHECK_THAT(notes,
+             Contains("the times of 1 of the 2 views of the split test are outside of the range of the "
+                      "training times (0 to 2)") &&
+                 Contains("2 images of the split test are also training images") &&
+                 Contains("4 images found under slightly different names") &&
+                 !Contains("2 images found under"));
 }
 
 TEST_CASE("the scene extent is 1.1 times the largest distance of a camera from the mean of all cameras",

@@ -200,6 +200,152 @@ TEST_CASE("nerfstudio: backslashes of Windows separate folders if this leads to 
   CHECK(names("transforms_train.json") == std::vector<std::string>{"f0", R"(images%5Cf1)"});
 }
 
+TEST_CASE("nerfstudio: fields of other programs are read, or refused, or described by a note",
+          "[nerfstudio]") {
+  const TempFolder folder;
+  put_frames(folder);
+  const auto opened = [&](const std::string& json) {
+    put(folder / "transforms.json", json);
+    return load_dataset(folder.path(), {.read = {.test_every = 0}});
+  };
+  const auto refusal = [&](const std::string& head, const std::string& more = "") {
+    return message_of([&] { opened(nerfstudio_json(head, more)); });
+  };
+  CHECK_THAT(refusal(kHead + R"("latlong": true, )"), Contains("'latlong' of instant-ngp is not supported"));
+  CHECK_THAT(refusal(kHead, R"(, "ftheta_p1": 0.1)"), Contains("frame 0: 'ftheta_p1'"));
+  CHECK_THAT(refusal(kHead + R"("rolling_shutter": [0, 0, 0.5, 0], )"), Contains("'rolling_shutter'"));
+  CHECK_THAT(refusal(kHead + R"("omega": 0.5, )"), Contains("'omega' = 0.5 is not a coefficient"));
+  CHECK_THAT(refusal(R"("w": 64, "fl_x": 50, )"), Contains("frame 0: 'w' is given without 'h'"));
+  CHECK_THAT(refusal(kHead, R"(, "is_bad": 1)"), Contains("frame 0: 'is_bad' must be true or false"));
+  CHECK_THAT(refusal(kHead, R"(, "is_bad": true)"), Contains("all frames have 'is_bad': true"));
+  CHECK(refusal(kHead + R"("latlong": false, "rolling_shutter": [0, 0, 0, 0], )").empty());
+  std::string json = nerfstudio_json(kHead);
+  json.replace(json.find("\"images/f2"), 0, R"("x", "time": 3, "file_path": )");
+  CHECK_THAT(message_of([&] { opened(json); }), Contains("frame 0: 'time' is missing"));
+
+  const auto notes = [&](const std::string& head) {
+    std::string text;
+    for (const std::string& note : opened(nerfstudio_json(head)).report.notes) text += note + "\n";
+    return text;
+  };
+  CHECK(notes(kHead).empty());
+  CHECK_THAT(notes(kHead + R"("fisheye_crop_radius": 9, )"), Contains("'fisheye_crop_radius' is not used"));
+  CHECK_THAT(
+      notes(R"("w": 64, "h": 48, "fl_x": 0.8, "fl_y": 1.1, "cx": 0.5, "cy": 0.5, )"),
+      Contains("the angle of view of 4 pinhole views is larger than 170 degrees") && Contains("in pixels"));
+  CHECK_THAT(notes(R"("w": 64, "h": 48, "fl_x": 50, "cx": 70, "cy": 24, )"),
+             Contains("the principal point of 4 views is outside of the image (such as f0: 70, 24"));
+  CHECK_THAT(notes(R"("w": 64, "h": 48, "camera_model": "EQUIRECTANGULAR", )"),
+             Contains("panoramas have 64x48 pixels, so they are not twice as wide as high"));
+}
+
+TEST_CASE("nerfstudio: the frames of test_frames are test views, and bad frames are skipped",
+          "[nerfstudio]") {
+  const TempFolder folder;
+  put_frames(folder);
+  const std::string all = nerfstudio_json(kHead);
+  const std::size_t list = all.find("[{");
+  const auto with_test = [&](const std::string& frames, const std::string& more = "") {
+    return fmt::format(R"({}, "test_frames": {}{}}})", all.substr(0, all.size() - 1), frames, more);
+  };
+  const auto load = [&](const std::string& json) {
+    put(folder / "transforms.json", json);
+    return load_dataset(folder.path(), {.read = {.test_every = 0}});
+  };
+  put_image(folder / "images/t.png", 64, 48), put_image(folder / "images/u.png", 64, 48);
+  std::string test = nerfstudio_json("", "", 2);
+  test = test.substr(test.find("[{"), test.size() - test.find("[{") - 1);
+  test.replace(test.find("f0"), 2, "t"), test.replace(test.find("f1"), 2, "u");
+  Dataset data = load(with_test(test));
+  CHECK(data.find("train")->views.size() == 4);
+  REQUIRE(data.find("test"));
+  CHECK(data.find("test")->views.size() == 2);
+  CHECK(data.find("test")->views[0].name == "t");
+  CHECK(data.report.differences.empty());
+
+  std::string bad = test;
+  bad.insert(2, R"("is_bad": true, )");
+  data = load(with_test(bad));
+  CHECK(data.find("test")->views.size() == 1);
+  CHECK(data.report.skipped.at(0).examples == std::vector<std::string>{"images/t.png"});
+  // Every test image is also a training image.
+  data = load(with_test(all.substr(list, all.size() - list - 1)));
+  CHECK_THAT(data.report.differences.back(), Contains("4 images of the split test are also training images"));
+  CHECK(load(with_test("[]")).splits.size() == 1);
+  CHECK_THAT(message_of([&] { load(with_test(test, R"(, "train_filenames": ["images/f0.png"])")); }),
+             Contains("both 'test_frames' and lists"));
+  CHECK_THAT(message_of([&] { load(with_test("[1]")); }), Contains("test_frame 0: must be an object"));
+}
+
+TEST_CASE("nerfstudio: a rotation that was rounded to three decimal places is replaced by the nearest one",
+          "[nerfstudio]") {
+  const TempFolder folder;
+  put_frames(folder, 1);
+  const auto load = [&](const char* matrix) {
+    put(folder / "transforms.json",
+        "{" + kHead + R"("frames": [{"file_path": "images/f0.png", "transform_matrix": )" + matrix + "}]}");
+    return load_dataset(folder.path(), {.read = {.test_every = 0}});
+  };
+  // The last row and column are exact. The others are a rotation by 45 degrees: cos(45) = 0.70711.
+  const Dataset data = load("[[0.706,-0.707,0,1],[0.707,0.706,0,2],[0,0,1,3],[0,0,0,1]]");
+  CHECK_THAT(data.report.notes.at(0), Contains("1 poses were rounded so coarsely"));
+  const Camera& c = data.splits[0].views[0].camera;
+  const double length = std::hypot(0.706, 0.707);
+  CHECK(c.rotation[0] == Approx(0.706 / length).epsilon(1e-14));
+  CHECK(c.rotation[1] == Approx(0.707 / length).epsilon(1e-14));
+  CHECK(c.centre()[1] == Approx(2).epsilon(1e-14));
+  CHECK_THAT(message_of([&] { load("[[0.7,-0.7,0,1],[0.7,0.7,0,2],[0,0,1,3],[0,0,0,1]]"); }),
+             Contains("is not a rotation"));
+}
+
+TEST_CASE("dataset: if the data are in another folder, the error names it", "[dataset]") {
+  const auto refusal = [](const std::vector<std::string>& files, const std::string& passed = "") {
+    const TempFolder folder;
+    for (const std::string& file : files)
+      if (file.ends_with(".png"))
+        put_image(folder / file, 8, 6);
+      else
+        put(folder / file, file.ends_with("images.txt") ? "1 1 0 0 0 0 0 0 1 a.png\n\n" : "{}");
+    const std::string message = message_of([&] { load_dataset(folder / passed); });
+    return message.substr(message.find(": ") + 2);
+  };
+  CHECK_THAT(refusal({"scene/transforms.json"}),
+             Contains("one of its subfolders is: pass /") && Contains("/scene (nerfstudio)"));
+  CHECK_THAT(refusal({"a/lego/transforms_train.json"}), Contains("/a/lego (blender)"));
+  CHECK_THAT(refusal({"a/transforms.json", "b/poses_bounds.npy"}),
+             Contains("some of its subfolders are: pass one of /") && Contains("/b (llff)"));
+  CHECK_THAT(refusal({"s/sparse/0/cameras.txt", "s/sparse/0/images.txt", "s/images/a.png"}),
+             Contains("/s (colmap)"));
+  CHECK_THAT(refusal({"sparse/0/cameras.txt", "sparse/0/images.txt", "images/a.png"}, "sparse"),
+             Contains("the folder that contains it is: pass /") && Contains(" (colmap)"));
+  for (const std::string model : {"colmap", "sparse/0/0"}) {
+    const std::string message =
+        refusal({model + "/cameras.txt", model + "/images.txt", "rgb/a.png", "rgb/b.png"});
+    CHECK_THAT(message, Contains("there is a COLMAP model in /") && Contains("/" + model + " --images ../") &&
+                            Contains("../rgb"));
+  }
+  CHECK_THAT(refusal({"distorted/sparse/0/cameras.txt", "distorted/sparse/0/images.txt", "input/a.png"}),
+             Contains("/distorted --images ../input"));
+  CHECK_THAT(refusal({"sparse/0/cameras.bin.gz", "images/a.png", "images/b.png"}), Contains("gunzip /"));
+  CHECK_THAT(refusal({"model.ply", "config.yaml", "metrics.json"}),
+             Contains("the output folder of a training"));
+  CHECK_THAT(refusal({"a.png", "b.png"}), Contains("2 images but no cameras"));
+}
+
+TEST_CASE("dataset: a JSON file without frames is not suggested, and the extension may be in capitals",
+          "[dataset]") {
+  const TempFolder folder;
+  put_frames(folder);
+  put(folder / "settings.json", R"({"frames": {"first": 0}})");
+  put(folder / "empty.json", R"({"frames": []})");
+  put(folder / "damaged.json", R"({"frames": [)");
+  CHECK_THAT(message_of([&] { load_dataset(folder.path()); }), Contains("4 images but no cameras"));
+  put(folder / "TRANSFORMS.JSON", nerfstudio_json(kHead));
+  CHECK_THAT(message_of([&] { load_dataset(folder.path()); }),
+             Contains("no transforms.json, but TRANSFORMS.JSON has frames"));
+  CHECK(load_dataset(folder / "TRANSFORMS.JSON").splits[0].views.size() == 3);
+}
+
 TEST_CASE("dataset: the error for an unknown folder lists the supported layouts", "[dataset]") {
   TempFolder folder;
   CHECK_THAT(message_of([&] { load_dataset(folder.path()); }), Contains("poses_bounds.npy"));

@@ -304,7 +304,7 @@ std::vector<std::string> seed_json() {
   return {
       R"({"camera_angle_x":0.9,"w":8,"h":6,"k1":0.1,"p1":0.01,"frames":[{"file_path":"a","time":0.5,"query":[1],)"
       R"("transform_matrix":[[1,0,0,1],[0,1,0,2],[0,0,1,3],[0,0,0,1]]},{"file_path":"b.png","fl_x":9,"cx":4,)"
-      R"("query":[2],"transform_matrix":[[1,0,0,0],[0,0,-1,-4],[0,1,0,0]]}]})",
+      R"("query":[2],"time":1,"transform_matrix":[[1,0,0,0],[0,0,-1,-4],[0,1,0,0]]}]})",
       R"({"camera_model":"OPENCV_FISHEYE","fl_x":9,"fl_y":9,"w":8,"h":6,"train_filenames":["a"],)"
       R"("ply_file_path":"p.ply","frames":[{"file_path":"a","transform_matrix":[[1,0,0,1],[0,1,0,2],[0,0,1,3]]}]})"};
 }
