@@ -63,14 +63,15 @@ std::string open_writer(cv::VideoWriter& writer, const fs::path& path, int width
 // was. This finds out whether a disk has become full while OpenCV wrote to it, because OpenCV does not report
 // that.
 std::string full_disk(const fs::path& file) {
-  const std::uintmax_t bytes = fs::file_size(file);
+  const std::uint64_t bytes = file_bytes(file);
   std::ofstream stream(file, std::ios::binary | std::ios::app);
   errno = 0;
   const bool grew = static_cast<bool>(stream << std::string(std::size_t{1} << 13, '\0') << std::flush);
   const std::string reason = grew ? "" : std::strerror(errno);
   stream.close();
-  fs::resize_file(file, bytes);
-  return reason;
+  std::error_code error;
+  fs::resize_file(file, bytes, error);
+  return error ? error.message() : reason;
 }
 
 }  // namespace
