@@ -20,6 +20,7 @@
 #include "tools/commands.hpp"
 #include "tools/common/model_options.hpp"
 #include "tools/common/output.hpp"
+#include "tools/train_start.hpp"
 
 namespace ubs::tools {
 namespace {
@@ -259,7 +260,20 @@ int run_data(const InfoOptions& options) {
   return 0;
 }
 
+// Throws an error if the extension or the content shows that the file is neither a data set nor a model.
+void check_file(const std::filesystem::path& path) {
+  if (!is_regular(path)) return;
+  refuse_pictures(path);
+  if (small_extension(path) != ".ply" && small_extension(path) != ".json" && describe_file(path).empty())
+    fail(ErrorKind::data,
+         "{}: neither a data set nor a model: pass a data folder, a transforms file (.json), a packed data "
+         "set "
+         "(.ubsd) or a splat file ({})",
+         path.string(), splat_format_titles());
+}
+
 int run(InfoOptions& options) {
+  if (!is_packed(options.model)) check_file(options.model);
   const std::filesystem::path model =
       is_packed(options.model) ? std::filesystem::path() : find_splat_model(options.model);
   if (model.empty()) return run_data(options);

@@ -101,16 +101,20 @@ void check_kind(const std::filesystem::path& data) {
          "{}: this is a model, not a data set: show it with 'ubs view {}', or pass the folder of "
          "its images",
          data.string(), name);
-  if (const std::string hint = how_to_make_images(data); !hint.empty())
-    fail(ErrorKind::data, "{}: {}", data.string(), hint);
-  if (has_image_extension(data) || is({".avif"}))  // ubs does not read .avif files
-    fail(ErrorKind::data,
-         "{}: this is one image: pass a folder of images with their cameras ('ubs cameras FOLDER' "
-         "finds the cameras)",
-         data.string());
+  refuse_pictures(data);
 }
 
 }  // namespace
+
+void refuse_pictures(const std::filesystem::path& file) {
+  if (const std::string hint = how_to_make_images(file); !hint.empty())
+    fail(ErrorKind::data, "{}: {}", file.string(), hint);
+  if (has_image_extension(file) || small_extension(file) == ".avif")  // ubs does not read .avif files
+    fail(ErrorKind::data,
+         "{}: this is one image: pass a folder of images with their cameras ('ubs cameras FOLDER' "
+         "finds the cameras)",
+         file.string());
+}
 
 std::filesystem::path free_output_folder(const std::filesystem::path& data) {
   namespace fs = std::filesystem;

@@ -37,6 +37,9 @@ struct Start : NewSettings {
   std::optional<Checkpoint> checkpoint;
 };
 
+// Throws an error with an explanation if the extension shows that the file is an image or a video.
+void refuse_pictures(const std::filesystem::path& file);
+
 // Returns the first free output folder: NAME-ubs next to the data NAME (in the working folder if that is not
 // writable), then NAME-ubs-2, and so on. A folder is free if it does not exist or was left by a run that
 // ended before its first step.

@@ -125,6 +125,20 @@ Look look_at(const Split& train) {
   return look;
 }
 
+// Throws Error(data) if the masks exclude all pixels of all training images.
+void require_pixels(const Split& train) {
+  for (const View& view : train.views) {
+    if (!view.masked) return;
+    const std::vector<std::uint8_t> mask = view.load_image().mask;
+    if (mask.empty() || std::ranges::any_of(mask, [](std::uint8_t m) { return m != 0; })) return;
+  }
+  fail(ErrorKind::data,
+       "the masks exclude all pixels of all {} training images: in a mask, the pixels to use must be white "
+       "and "
+       "the pixels to ignore must be black",
+       train.views.size());
+}
+
 InitialSpace space_for(const Split& train) {
   return initial_space(cameras_of(train), look_at(train).lone_object);
 }
@@ -287,6 +301,13 @@ std::size_t first_splats(const Dataset& data, const Split& train, const TrainSet
 }
 
 Split take_train(Dataset& data, TrainSettings& settings, bool begins) {
+  const Split* found = data.find("train");
+  if (settings.test_every == 1 && (!found || found->views.empty()))
+    fail(ErrorKind::usage,
+         "{}: --test-every 1 makes every image a test image, so none is left for training: choose 2 or more, "
+         "or "
+         "0 for no test images",
+         data.report.folder);
   Split train = take_split(data, "train");
   if (settings.refine_cameras != RefineCameras::none && still(train)) align(data, train);
   settle_training(train, data, settings, begins);
@@ -295,6 +316,7 @@ Split take_train(Dataset& data, TrainSettings& settings, bool begins) {
 
 void settle_training(const Split& train, Dataset& data, TrainSettings& settings, bool begins) {
   require_images(train);
+  require_pixels(train);
   settle_background(data, train, settings);
   if (settings.dim == kAutoInt) {
     const DimChoice choice = choose_dim(train.views);

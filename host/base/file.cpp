@@ -24,6 +24,8 @@ namespace ubs {
 namespace fs = std::filesystem;
 
 std::ifstream open_for_reading(const fs::path& path, std::size_t& size) {
+  if (is_dead_link(path))
+    fail(ErrorKind::data, "{}: this is a symbolic link to a file that does not exist", path.string());
   if (!path_exists(path)) fail(ErrorKind::data, "{}: no such file", path.string());
   if (is_folder(path)) fail(ErrorKind::data, "{}: this is a folder, but a file is expected", path.string());
   std::error_code error;
@@ -31,6 +33,17 @@ std::ifstream open_for_reading(const fs::path& path, std::size_t& size) {
   if (error) fail(ErrorKind::data, "{}: cannot read: {}", path.string(), error.message());
   std::ifstream stream(path, std::ios::binary);
   if (!stream) fail(ErrorKind::data, "{}: cannot open: {}", path.string(), std::strerror(errno));
+  // The specification of Git LFS limits a pointer to 1024 bytes.
+  constexpr std::string_view kPointer = "version https://git-lfs.github.com/spec/";
+  if (bytes >= kPointer.size() && bytes < 1024) {
+    std::string start(kPointer.size(), '\0');
+    stream.read(start.data(), static_cast<std::streamsize>(start.size()));
+    if (start == kPointer)
+      fail(ErrorKind::data, "{}: a pointer of Git LFS, not the file: fetch it with 'git lfs pull'",
+           path.string());
+    stream.clear();
+    stream.seekg(0);
+  }
   size = static_cast<std::size_t>(bytes);
   return stream;
 }
@@ -51,7 +64,12 @@ Container read_whole(const fs::path& path) {
 }  // namespace
 
 std::vector<std::byte> read_file(const fs::path& path) { return read_whole<std::vector<std::byte>>(path); }
-std::string read_text_file(const fs::path& path) { return read_whole<std::string>(path); }
+std::string read_text_file(const fs::path& path) {
+  constexpr std::string_view kByteOrderMark = "\xef\xbb\xbf";
+  std::string text = read_whole<std::string>(path);
+  if (text.starts_with(kByteOrderMark)) text.erase(0, kByteOrderMark.size());
+  return text;
+}
 
 namespace {
 

@@ -20,10 +20,12 @@
 namespace ubs {
 
 // Opens an existing file and stores its size in `size`. Throws Error(data) for a folder, because
-// std::ifstream opens folders without an error.
+// std::ifstream opens folders without an error, and for a pointer of Git LFS, which takes the place of a file
+// that was not downloaded.
 std::ifstream open_for_reading(const std::filesystem::path& path, std::size_t& size);
 
 std::vector<std::byte> read_file(const std::filesystem::path& path);
+// Skips the UTF-8 byte order mark that some programs of Windows write at the start of text files.
 std::string read_text_file(const std::filesystem::path& path);
 
 // Throws Error(data) if `path` exists and is not an ordinary file, but for example a folder, a symbolic link

@@ -40,6 +40,11 @@ bool path_exists(const fs::path& path) { return type_of(path) != fs::file_type::
 bool is_folder(const fs::path& path) { return type_of(path) == fs::file_type::directory; }
 bool is_regular(const fs::path& path) { return type_of(path) == fs::file_type::regular; }
 
+bool is_dead_link(const fs::path& path) {
+  std::error_code ignored;
+  return fs::symlink_status(path, ignored).type() == fs::file_type::symlink && !path_exists(path);
+}
+
 bool same_file(const fs::path& a, const fs::path& b) {
   std::error_code error;
   const bool same = fs::equivalent(a, b, error);

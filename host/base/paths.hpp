@@ -17,6 +17,8 @@ namespace ubs {
 bool path_exists(const std::filesystem::path& path);
 bool is_folder(const std::filesystem::path& path);
 bool is_regular(const std::filesystem::path& path);
+// Returns whether the path is a symbolic link to a file or folder that does not exist.
+bool is_dead_link(const std::filesystem::path& path);
 // Returns whether two paths refer to the same file. Returns false if one of them does not exist.
 bool same_file(const std::filesystem::path& a, const std::filesystem::path& b);
 

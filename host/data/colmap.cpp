@@ -67,6 +67,7 @@ void read_binary_points(const fs::path& path, ColmapModel& model) {
   ByteReader in(bytes, path.string());
   const std::size_t count = in.read_count<std::uint64_t>(51, "points");
   model.points.positions.reserve(count);
+  model.points.colours.reserve(count);
   for (std::size_t i = 0; i < count; ++i) {
     std::array<double, 3> position{};
     std::array<std::uint8_t, 3> colour{};
@@ -75,9 +76,7 @@ void read_binary_points(const fs::path& path, ColmapModel& model) {
     for (std::uint8_t& c : colour) c = in.read<std::uint8_t>();
     in.skip(sizeof(double));  // reprojection error
     in.skip(8 * in.read_count<std::uint64_t>(8, "track elements"));
-    check_point(position, i, path.string());
-    model.points.positions.push_back(position);
-    model.points.colours.push_back(colour);
+    add_point(model.points, position, colour, i, path.string());
   }
   check_end(in);
 }
@@ -123,10 +122,15 @@ ColmapCamera make_colmap_camera(const std::string& model, std::uint64_t width, s
 void add_colmap_camera(ColmapModel& model, std::uint32_t id, const std::string& name, std::uint64_t width,
                        std::uint64_t height, const std::vector<double>& parameters,
                        const std::string& where) {
-  if (std::ranges::all_of(parameters, [](double p) { return std::isfinite(p); }))
-    model.cameras[id] = make_colmap_camera(name, width, height, parameters, where);
-  else
+  if (!std::ranges::all_of(parameters, [](double p) { return std::isfinite(p); })) {
     model.unusable.insert(id);
+    return;
+  }
+  try {
+    model.cameras[id] = make_colmap_camera(name, width, height, parameters, where);
+  } catch (const Error& error) {  // add_colmap_image() throws it if an image has this camera
+    model.refused[id] = error.what();
+  }
 }
 
 void add_colmap_image(ColmapModel& model, ColmapImage image, const std::string& where) {
@@ -144,6 +148,8 @@ void add_colmap_image(ColmapModel& model, ColmapImage image, const std::string& 
     fail(ErrorKind::data, "{}: the rotation is not a valid quaternion", where);
   for (double& q : image.rotation) q /= std::sqrt(norm);
   if (image.name.empty()) fail(ErrorKind::data, "{}: the image has no name", where);
+  if (const auto refused = model.refused.find(image.camera); refused != model.refused.end())
+    fail(ErrorKind::data, "{}", refused->second);
   if (!model.cameras.contains(image.camera))
     fail(ErrorKind::data, "{}: camera {} of image '{}' does not exist", where, image.camera, image.name);
   model.images.push_back(std::move(image));
@@ -189,8 +195,7 @@ fs::path find_colmap_model(const fs::path& data, const std::string& name, LoadRe
 }
 
 std::size_t count_colmap_images(const fs::path& model) {
-  if (!path_exists(model / "cameras.bin")) return count_colmap_text_images(model);
-  if (!path_exists(model / "images.bin")) return 0;
+  if (!path_exists(model / "images.bin")) return count_colmap_text_images(model);
   std::size_t bytes = 0;
   std::ifstream stream = open_for_reading(model / "images.bin", bytes);
   std::uint64_t count = 0;
@@ -199,10 +204,17 @@ std::size_t count_colmap_images(const fs::path& model) {
 }
 
 ColmapModel read_colmap_model(const fs::path& folder) {
-  if (!path_exists(folder / "cameras.bin")) return read_colmap_text(folder);
   ColmapModel model;
-  read_binary_cameras(folder / "cameras.bin", model);
-  read_binary_images(folder / "images.bin", model);
+  if (path_exists(folder / "cameras.bin"))
+    read_binary_cameras(folder / "cameras.bin", model);
+  else
+    read_colmap_text_cameras(folder / "cameras.txt", model);
+  if (path_exists(folder / "images.bin"))
+    read_binary_images(folder / "images.bin", model);
+  else if (path_exists(folder / "images.txt"))
+    read_colmap_text_images(folder / "images.txt", model);
+  else
+    fail(ErrorKind::data, "{}: contains neither images.bin nor images.txt", folder.string());
   if (path_exists(folder / "points3D.bin"))
     read_binary_points(folder / "points3D.bin", model);
   else if (path_exists(folder / "points3D.txt"))

@@ -34,6 +34,9 @@ struct ColmapModel {
   std::map<std::uint32_t, ColmapCamera> cameras;
   std::vector<ColmapImage> images;   // in file order
   std::set<std::uint32_t> unusable;  // numbers of the cameras whose parameters are not finite
+  // Numbers of the other cameras that cannot be read, each with the error message. No image has such a
+  // camera.
+  std::map<std::uint32_t, std::string> refused;
   // Names of the images whose pose or camera is not finite. They are not in `images`.
   std::vector<std::string> unplaced;
   WorldPoints points;
@@ -49,13 +52,13 @@ std::filesystem::path find_colmap_model(const std::filesystem::path& data, const
                                         LoadReport* report = nullptr);
 
 // Return the number of images that images.bin or images.txt lists. The first function reads both kinds of
-// models, the second only text files. Both return 0 if the file does not exist, and the first one also if
+// files, the second only text files. Both return 0 if the file does not exist, and the first one also if
 // images.bin is too short.
 std::size_t count_colmap_images(const std::filesystem::path& model);
 std::size_t count_colmap_text_images(const std::filesystem::path& model);
 
-// Reads a model. If the folder contains binary and text files, the binary ones are read. The file of points
-// may be missing.
+// Reads a model. Each of its three files may be binary or text; if both exist, the binary one is read. The
+// file of points may be missing.
 ColmapModel read_colmap_model(const std::filesystem::path& model_folder);
 
 // The following functions are shared by the readers of binary and of text files. Error messages start with
@@ -64,16 +67,19 @@ ColmapModel read_colmap_model(const std::filesystem::path& model_folder);
 // Returns a camera of the lens model called `model`, whose parameters are in COLMAP's order.
 ColmapCamera make_colmap_camera(const std::string& model, std::uint64_t width, std::uint64_t height,
                                 const std::vector<double>& parameters, const std::string& where);
-// Adds the camera to the model, or adds its number to `unusable` if its parameters are not finite.
+// Adds the camera to the model, or adds its number to `unusable` if its parameters are not finite, or to
+// `refused` if it is not valid for another reason.
 void add_colmap_camera(ColmapModel& model, std::uint32_t id, const std::string& name, std::uint64_t width,
                        std::uint64_t height, const std::vector<double>& parameters, const std::string& where);
 // Returns the lens model with the given number in a binary file. Throws Error(data) for an unknown number.
 const LensModel& colmap_model(int number, const std::string& where);
-// Adds the image to the model, or adds its name to `unplaced` if its pose or its camera is not finite.
+// Adds the image to the model, or adds its name to `unplaced` if its pose or its camera is not finite. Throws
+// Error(data) if its camera is in `refused`.
 void add_colmap_image(ColmapModel& model, ColmapImage image, const std::string& where);
 
-// The following two functions read text files and are defined in colmap_text.cpp.
-ColmapModel read_colmap_text(const std::filesystem::path& folder);
+// The following functions read text files and are defined in colmap_text.cpp.
+void read_colmap_text_cameras(const std::filesystem::path& file, ColmapModel& model);
+void read_colmap_text_images(const std::filesystem::path& file, ColmapModel& model);
 void read_colmap_text_points(const std::filesystem::path& file, ColmapModel& model);
 
 }  // namespace ubs

@@ -52,6 +52,8 @@ LoadedScene load_colmap(const fs::path& folder, const DatasetOptions& options) {
     scene.report.skip(name, "its pose or camera in the model is not finite");
   for (const std::uint32_t id : model.unusable)
     scene.report.skip(fmt::format("camera {}", id), "its parameters in the model are not finite");
+  for (const auto& [id, error] : model.refused)
+    scene.report.skip(fmt::format("camera {}", id), "no image has this camera, and it is not valid");
   if (model.images.empty() && !model.unplaced.empty())
     fail(ErrorKind::data, "{}: the poses or cameras of all {} images are not finite", model_folder.string(),
          model.unplaced.size());
@@ -79,11 +81,15 @@ LoadedScene load_colmap(const fs::path& folder, const DatasetOptions& options) {
   NamedFiles files(root, folder);
   const std::vector<fs::path> found = files.find(base, names, NamedFiles::Kind::image, stated_folder);
   const bool some = std::ranges::any_of(found, [](const fs::path& file) { return !file.empty(); });
+  // In the original LLFF folders, the reduced images have other names than the images of the model.
   if (!some && (options.load_images || have_folder))
     fail(ErrorKind::data,
          "{}: none of the {} images of the model exists: for example, {}; copy the images there, or pass "
-         "their folder with --images",
-         folder.string(), names.size(), files.missing(base, names[0].name));
+         "their folder with --images{}",
+         folder.string(), names.size(), files.missing(base, names[0].name),
+         path_exists(folder / "poses_bounds.npy")
+             ? ", or use the cameras of poses_bounds.npy, which do not need these names, with --layout llff"
+             : "");
   const std::vector<fs::path> mask_files = files.find_masks(names);
 
   std::vector<View> views;
@@ -117,6 +123,7 @@ LoadedScene load_colmap(const fs::path& folder, const DatasetOptions& options) {
                      ? split_every(std::move(views), options.read.test_every)
                      : split_views(std::move(views), options.read.test_every, scene.report);
   const fs::path ply = model_folder / "points3D.ply";  // some tools write this file instead of points3D.bin
+  note_not_finite(model.points, scene.report);
   if (!model.points.positions.empty())
     scene.points = std::move(model.points);
   else if (path_exists(ply))

@@ -97,7 +97,9 @@ class LineReader {
   std::size_t at_ = 0, number_ = 0;
 };
 
-void read_text_cameras(const fs::path& path, ColmapModel& model) {
+}  // namespace
+
+void read_colmap_text_cameras(const fs::path& path, ColmapModel& model) {
   for (LineReader in(path); in.next();) {
     const auto id = in.number<std::uint32_t>("camera number");
     const std::string name(in.word("camera model"));
@@ -110,7 +112,7 @@ void read_text_cameras(const fs::path& path, ColmapModel& model) {
 
 // Reads images.txt. Every image has a second line for observations, which may be empty. If the second line is
 // missing, as in many files that were written by hand, the next line describes the next image.
-void read_text_images(const fs::path& path, ColmapModel& model) {
+void read_colmap_text_images(const fs::path& path, ColmapModel& model) {
   LineReader in(path);
   for (bool more = in.next(); more;) {
     ColmapImage image;
@@ -125,8 +127,6 @@ void read_text_images(const fs::path& path, ColmapModel& model) {
   }
 }
 
-}  // namespace
-
 // Reads points3D.txt. Colours are integers from 0 to 255. Files that were written by hand also contain
 // colours with decimals, such as 29.0, or colours from 0 to 1.
 void read_colmap_text_points(const fs::path& path, ColmapModel& model) {
@@ -136,25 +136,22 @@ void read_colmap_text_points(const fs::path& path, ColmapModel& model) {
   for (LineReader in(path); in.next();) {
     in.number<std::uint64_t>("point number");
     std::array<double, 3> position{}, colour{};
-    for (double& c : position) c = in.number<double>("coordinate");
+    for (double& c : position) c = in.number<double>("coordinate", true);
     for (double& c : colour) {
       c = in.number<double>("colour");
       if (!(c >= 0 && c <= 255)) fail(ErrorKind::data, "{}: colour '{}' is not from 0 to 255", in.where(), c);
       fractions = fractions || c != std::floor(c);
       largest = std::max(largest, c);
     }
-    if (in.has_word()) in.number<double>("error");
-    check_point(position, model.points.positions.size(), in.where());
-    model.points.positions.push_back(position);
-    colours.push_back(colour);
+    if (in.has_word()) in.number<double>("error", true);
+    if (add_point(model.points, position, {}, model.points.positions.size(), in.where()))
+      colours.push_back(colour);
   }
   model.scaled_colours = fractions && largest <= 1;
-  for (const std::array<double, 3>& colour : colours) {
-    std::array<std::uint8_t, 3> bytes{};
+  for (std::size_t i = 0; i < colours.size(); ++i)
     for (std::size_t k = 0; k < 3; ++k)
-      bytes[k] = static_cast<std::uint8_t>(std::lround(model.scaled_colours ? 255 * colour[k] : colour[k]));
-    model.points.colours.push_back(bytes);
-  }
+      model.points.colours[i][k] =
+          static_cast<std::uint8_t>(std::lround(model.scaled_colours ? 255 * colours[i][k] : colours[i][k]));
 }
 
 std::size_t count_colmap_text_images(const fs::path& model) {
@@ -162,14 +159,6 @@ std::size_t count_colmap_text_images(const fs::path& model) {
   std::size_t count = 0;
   for (LineReader in(model / "images.txt"); in.next();) count += !in.has_observations();
   return count;
-}
-
-ColmapModel read_colmap_text(const fs::path& folder) {
-  ColmapModel model;
-  read_text_cameras(folder / "cameras.txt", model);
-  read_text_images(folder / "images.txt", model);
-  if (path_exists(folder / "points3D.txt")) read_colmap_text_points(folder / "points3D.txt", model);
-  return model;
 }
 
 }  // namespace ubs

@@ -23,7 +23,7 @@ std::uint32_t big32(const unsigned char* at) {
 
 // Returns the number that is stored in `bytes` (2 or 4) bytes at `offset` of a TIFF block. Returns 0 if these
 // bytes are not inside the block.
-std::uint32_t tiff_number(const std::vector<unsigned char>& tiff, std::size_t offset, int bytes, bool big) {
+std::uint32_t tiff_number(std::span<const unsigned char> tiff, std::size_t offset, int bytes, bool big) {
   if (offset + static_cast<std::size_t>(bytes) > tiff.size()) return 0;
   std::uint32_t value = 0;
   for (int i = 0; i < bytes; ++i)
@@ -32,20 +32,29 @@ std::uint32_t tiff_number(const std::vector<unsigned char>& tiff, std::size_t of
   return value;
 }
 
-int exif_orientation(const std::vector<unsigned char>& segment) {
-  if (segment.size() < 14 || std::memcmp(segment.data(), "Exif\0", 6) != 0) return 1;
-  const std::vector<unsigned char> tiff(segment.begin() + 6, segment.end());
+// Returns the offset of the orientation in the first directory of a TIFF block, or 0 if there is none. The
+// orientation is a number of two bytes.
+std::size_t orientation_offset(std::span<const unsigned char> tiff) {
   const bool big = tiff[0] == 'M';
   const std::size_t directory = tiff_number(tiff, 4, 4, big);
   const std::size_t entries = tiff_number(tiff, directory, 2, big);
   for (std::size_t e = 0; e < entries; ++e) {
     const std::size_t entry = directory + 2 + 12 * e;
     if (entry + 12 > tiff.size()) break;
-    if (tiff_number(tiff, entry, 2, big) != 0x0112) continue;
-    const auto value = static_cast<int>(tiff_number(tiff, entry + 8, 2, big));
-    return value >= 1 && value <= 8 ? value : 1;
+    if (tiff_number(tiff, entry, 2, big) == 0x0112) return entry + 8;
   }
-  return 1;
+  return 0;
+}
+
+int orientation_at(std::span<const unsigned char> tiff, std::size_t offset) {
+  const auto value = offset == 0 ? 1 : static_cast<int>(tiff_number(tiff, offset, 2, tiff[0] == 'M'));
+  return value >= 1 && value <= 8 ? value : 1;
+}
+
+int exif_orientation(std::span<const unsigned char> segment) {
+  if (segment.size() < 14 || std::memcmp(segment.data(), "Exif\0", 6) != 0) return 1;
+  const std::span<const unsigned char> tiff = segment.subspan(6);
+  return orientation_at(tiff, orientation_offset(tiff));
 }
 
 // Reads the size and the orientation of a JPEG file. Returns false if the file is not a JPEG, or if its chain
@@ -119,6 +128,15 @@ void refuse_unread_format(std::string_view head, const std::string& name) {
     if (head.size() >= format.at + format.bytes.size() &&
         head.substr(format.at, format.bytes.size()) == format.bytes)
       fail(ErrorKind::data, "{}: format {} is not supported: convert to JPEG or PNG", name, format.name);
+}
+
+int replace_tiff_orientation(std::span<unsigned char> file) {
+  const bool tiff = file.size() >= 8 &&
+                    (std::memcmp(file.data(), "II*\0", 4) == 0 || std::memcmp(file.data(), "MM\0*", 4) == 0);
+  const std::size_t at = tiff ? orientation_offset(file) : 0;
+  const int found = orientation_at(file, at);
+  if (at > 0) file[at] = file[0] == 'I', file[at + 1] = file[0] == 'M';
+  return found;
 }
 
 ImageInfo image_file_info(const std::filesystem::path& path) {

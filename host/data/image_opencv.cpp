@@ -10,6 +10,7 @@
 #include "host/base/environment.hpp"
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
+#include "host/base/warning.hpp"
 #include "host/data/image.hpp"
 #include "host/data/image_info.hpp"
 #include "host/data/jpeg.hpp"
@@ -28,9 +29,9 @@ bool is_exr(std::span<const std::byte> bytes) {
 // Decodes an image file to samples with 8 bits, 16 bits or float. The result has 1, 3 or 4 channels; the
 // order of several channels is B, G, R and, if there are four, A. Orientation tags are ignored, as in the
 // loader of the published code (Pillow's Image.open), because the cameras of every data set describe the
-// stored pixels.
-cv::Mat decode_image_file(const std::filesystem::path& path) {
-  const std::vector<std::byte> bytes = read_file(path);
+// stored pixels. Stores the orientation of a TIFF file in `orientation`, if it is not null.
+cv::Mat decode_image_file(const std::filesystem::path& path, int* orientation = nullptr) {
+  std::vector<std::byte> bytes = read_file(path);
   if (bytes.empty()) fail(ErrorKind::data, "{}: the image is an empty file", path.string());
   cv::Mat image;
   try {
@@ -47,7 +48,11 @@ cv::Mat decode_image_file(const std::filesystem::path& path) {
            "{}: OpenCV's decoder of EXR images is disabled in this process: set OPENCV_IO_ENABLE_OPENEXR=1 "
            "before the program starts, or convert the image to PNG",
            path.string());
-    const cv::Mat encoded(1, static_cast<int>(bytes.size()), CV_8U, const_cast<std::byte*>(bytes.data()));
+    // OpenCV rotates the pixels of TIFF files as their orientation demands, so the tag is replaced by 1.
+    const int found =
+        replace_tiff_orientation({reinterpret_cast<unsigned char*>(bytes.data()), bytes.size()});
+    if (orientation) *orientation = found;
+    const cv::Mat encoded(1, static_cast<int>(bytes.size()), CV_8U, bytes.data());
     image = opencv().imdecode(encoded, cv::IMREAD_UNCHANGED);
   } catch (const cv::Exception& error) {
     fail(error.code == cv::Error::StsNoMem ? ErrorKind::memory : ErrorKind::data, "{}: cannot decode: {}",
@@ -150,28 +155,39 @@ Image8 load_mask_image(const std::filesystem::path& path, const Image8& image) {
   // The mask is the alpha channel. If there is none, or if alpha is 255 everywhere, the mask is the brightest
   // colour channel, so that only pixels in which all colour channels are dark are masked (see set_mask()).
   const int channels = mask.channels(), colours = std::min(channels, 3);
+  const int full = mask.depth() == CV_8U ? 255 : 65535;
   const auto value = [&](int x, int y, int channel) {
     const int at = x * channels + channel;
-    return mask.depth() == CV_8U ? mask.ptr<std::uint8_t>(y)[at] : mask.ptr<std::uint16_t>(y)[at] / 257;
+    return mask.depth() == CV_8U ? int{mask.ptr<std::uint8_t>(y)[at]} : int{mask.ptr<std::uint16_t>(y)[at]};
   };
   bool alpha = false;
   for (int y = 0; y < mask.rows && channels == 4; ++y)
-    for (int x = 0; x < mask.cols; ++x) alpha |= value(x, y, 3) < 255;
-  Image8 grey{mask.cols, mask.rows, {}, {}};
-  grey.rgb.reserve(sample_count(mask.cols, mask.rows, 3));
+    for (int x = 0; x < mask.cols; ++x) alpha |= value(x, y, 3) < full;
+  std::vector<int> values;
+  values.reserve(sample_count(mask.cols, mask.rows, 1));
   for (int y = 0; y < mask.rows; ++y)
     for (int x = 0; x < mask.cols; ++x) {
       int brightest = 0;
       for (int c = 0; c < colours; ++c) brightest = std::max(brightest, value(x, y, c));
-      grey.rgb.insert(grey.rgb.end(), 3, static_cast<std::uint8_t>(alpha ? value(x, y, 3) : brightest));
+      values.push_back(alpha ? value(x, y, 3) : brightest);
     }
+  // Some programs write masks with the values 0 and 1 instead of 0 and 255.
+  const bool ones = std::ranges::max(values) == 1;
+  if (ones) warn_once("masks have only the values 0 and 1: pixels with the value 1 are used");
+  const int unit = ones ? 1 : full;
+  Image8 grey{mask.cols, mask.rows, {}, {}};
+  grey.rgb.reserve(sample_count(mask.cols, mask.rows, 3));
+  for (const int v : values) grey.rgb.insert(grey.rgb.end(), 3, static_cast<std::uint8_t>(v * 255 / unit));
   if (mask.cols == image.width && mask.rows == image.height) return grey;
   return resize_bicubic(grey, image.width, image.height);
 }
 
 ImageInfo decoded_info(const std::filesystem::path& path) {
-  const cv::Mat image = decode_image_file(path);
-  return {.size = {image.cols, image.rows}, .opaque = image.channels() < 4};
+  ImageInfo info;
+  const cv::Mat image = decode_image_file(path, &info.orientation);
+  info.size = {image.cols, image.rows};
+  info.opaque = image.channels() < 4;
+  return info;
 }
 
 }  // namespace ubs

@@ -12,6 +12,7 @@
 
 #include "host/base/error.hpp"
 #include "host/base/paths.hpp"
+#include "host/base/text.hpp"
 #include "host/base/vector3.hpp"
 #include "host/data/data_root.hpp"
 #include "host/data/image_source.hpp"
@@ -36,7 +37,8 @@ struct Row {
 };
 
 Row parse_row(const double* row, const std::string& where) {
-  for (int i = 0; i < 17; ++i) checked_input(row[i], fmt::format("{}: value {}", where, i));
+  // The depth bounds, which are the last two values, are checked later: unusable bounds are not used.
+  for (int i = 0; i < 15; ++i) checked_input(row[i], fmt::format("{}: value {}", where, i));
   Row result;
   Camera& camera = result.camera;
   for (std::size_t k = 0; k < 3; ++k) {
@@ -76,9 +78,47 @@ bool is_video(const fs::path& path) {
   return (end == ".mp4" || end == ".avi" || end == ".mkv" || end == ".mov") && is_regular(path);
 }
 
+// Returns whether the name `a` comes before `b` in natural order, in which runs of digits are compared as
+// numbers: "9.png" comes before "10.png".
+bool comes_before(std::string_view a, std::string_view b) {
+  constexpr std::string_view kDigits = "0123456789";
+  std::string_view x = a, y = b;
+  while (!x.empty() && !y.empty()) {
+    std::size_t m = std::min(x.find_first_not_of(kDigits), x.size());
+    std::size_t n = std::min(y.find_first_not_of(kDigits), y.size());
+    if (m > 0 && n > 0) {
+      std::string_view p = x.substr(0, m), q = y.substr(0, n);
+      p.remove_prefix(std::min(p.find_first_not_of('0'), m));
+      q.remove_prefix(std::min(q.find_first_not_of('0'), n));
+      if (p.size() != q.size()) return p.size() < q.size();
+      if (p != q) return p < q;
+    } else {
+      m = n = 1;
+      if (x[0] != y[0]) return x.substr(0, 1) < y.substr(0, 1);
+    }
+    x.remove_prefix(m), y.remove_prefix(n);
+  }
+  return x.empty() && y.empty() ? a < b : x.empty();
+}
+
+// Returns the images in a folder. Images belong to cameras and times by their order, so a missing image would
+// shift those after it. Therefore links to missing files are errors.
+std::vector<fs::path> all_pictures_in(const fs::path& folder) {
+  if (is_folder(folder))
+    for (const fs::path& file : folder_entries(folder))
+      if (has_image_extension(file) && is_dead_link(file))
+        fail(ErrorKind::data, "{}: this is a symbolic link to a file that does not exist", file.string());
+  return pictures_in(folder);
+}
+
+// Returns the frames of a camera in the order of time, which is the natural order of their names.
 std::vector<fs::path> frames_in(const fs::path& folder) {
-  std::vector<fs::path> files = pictures_in(folder);
-  return files.empty() ? pictures_in(folder / "images") : files;
+  std::vector<fs::path> files = all_pictures_in(folder);
+  if (files.empty()) files = all_pictures_in(folder / "images");
+  std::ranges::sort(files, [](const fs::path& a, const fs::path& b) {
+    return comes_before(a.filename().native(), b.filename().native());
+  });
+  return files;
 }
 
 bool is_camera_folder(const fs::path& path) {
@@ -123,9 +163,23 @@ double time_of(std::size_t i, std::size_t count) {
   return count > 1 ? static_cast<double>(i) / static_cast<double>(count - 1) : 0.0;
 }
 
-LoadedScene load_static(const fs::path& images, const std::vector<Row>& rows, const DataRoot& root,
-                        NamedFiles& named, const DatasetOptions& options) {
-  const std::vector<fs::path> files = pictures_in(images);
+// Returns advice for users whose images are in another folder than expected: the option that names the folder
+// with `count` images, or an empty text if there is no such folder.
+std::string images_option(const fs::path& folder, std::size_t count) {
+  for (const fs::path& entry : folder_entries(folder))
+    if (const std::string name = entry.filename().string();
+        name.starts_with("images") && pictures_in(entry).size() == count)
+      return fmt::format(": choose the folder that has the images with --images {}", shell_word(name));
+  if (pictures_in(folder).size() == count) return ": use the images in the data folder with --images .";
+  return {};
+}
+
+LoadedScene load_static(const fs::path& folder, const fs::path& images, const std::vector<Row>& rows,
+                        const DataRoot& root, NamedFiles& named, const DatasetOptions& options) {
+  const std::vector<fs::path> files = all_pictures_in(images);
+  if (!is_folder(images))
+    fail(ErrorKind::data, "{}: this folder does not exist{}", images.string(),
+         images_option(folder, rows.size()));
   if (files.size() != rows.size())
     fail(ErrorKind::data, "{}: {} images, but poses_bounds.npy has {} rows", images.string(), files.size(),
          rows.size());
@@ -232,13 +286,20 @@ LoadedScene load_llff(const fs::path& folder, const DatasetOptions& options) {
   DataRoot root(folder, options.read.allow_outside);
   const std::vector<Row> rows = read_rows(root.check(folder / "poses_bounds.npy"));
   const fs::path images = folder / (options.read.images == "auto" ? "images" : options.read.images);
-  auto videos = sorted_entries(folder, is_video);
-  // Videos in a folder that also has images are ignored unless there is one video per row: they may be, for
-  // example, a recording of a walk through the scene.
-  const bool ignores_videos = videos.size() != rows.size() && is_folder(images);
-  const std::size_t ignored = ignores_videos ? videos.size() : 0;
-  if (ignores_videos) videos.clear();
-  const auto folders = videos.empty() ? sorted_entries(folder, is_camera_folder) : std::vector<fs::path>{};
+  std::vector<std::string> notes;
+  // In a folder that also has images, videos and folders are cameras only if there is one per row. Otherwise
+  // they may be, for example, a recording of a walk through the scene.
+  const auto cameras = [&](bool (*accept)(const fs::path&), const char* what) {
+    std::vector<fs::path> found = sorted_entries(folder, accept);
+    if (found.empty() || found.size() == rows.size() || !is_folder(images)) return found;
+    notes.push_back(
+        fmt::format("{} {} not used, because poses_bounds.npy has {} rows", found.size(), what, rows.size()));
+    return std::vector<fs::path>{};
+  };
+  const auto videos = cameras(is_video, "videos are");
+  const auto folders = videos.empty()
+                           ? cameras(is_camera_folder, "folders of images whose names start with 'cam' are")
+                           : std::vector<fs::path>{};
   LoadedScene scene;
   NamedFiles files(root, folder);  // finds the masks and reports files of the folder that are not used
   if (!videos.empty()) {
@@ -248,15 +309,13 @@ LoadedScene load_llff(const fs::path& folder, const DatasetOptions& options) {
   } else {
     refuse_unused(options, "LLFF", "--images --test-every");
     if (options.read.images != "auto") root.add(images);  // the user passed this folder
-    scene = load_static(images, rows, root, files, options);
+    scene = load_static(folder, images, rows, root, files, options);
   }
   for (const Split& split : scene.splits)
     for (const View& view : split.views)
       if (!view.file.empty()) files.use(view.file);
   files.report(scene.report);
-  if (ignored > 0)
-    scene.report.note(
-        fmt::format("{} videos are not used, because poses_bounds.npy has {} rows", ignored, rows.size()));
+  for (const std::string& note : notes) scene.report.note(note);
   for (const char* name : {"points3d.ply", "points3D.ply"})
     if (!scene.points && path_exists(folder / name)) take_points(root.check(folder / name), scene);
   return scene;

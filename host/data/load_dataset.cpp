@@ -95,6 +95,21 @@ void unite_positions(Dataset& data, Split& reference) {
   data.offset = to;
 }
 
+// Returns the depth bounds, or none if some of them are not usable. Then the positions of the cameras
+// determine the initial positions of the splats, as for data without depth bounds.
+std::vector<std::array<double, 2>> usable_bounds(std::vector<std::array<double, 2>> bounds,
+                                                 LoadReport& report) {
+  const auto bad = std::ranges::find_if_not(bounds, [](const std::array<double, 2>& b) {
+    return b[0] > 0 && b[0] < b[1] && b[1] <= kMaxMagnitude;
+  });
+  if (bad == bounds.end()) return bounds;
+  report.note_difference(
+      fmt::format("the depth bounds of the data are not used, because {:.4g} and {:.4g} are not bounds (the "
+                  "near bound must be positive and less than the far bound)",
+                  (*bad)[0], (*bad)[1]));
+  return {};
+}
+
 bool wanted(const DatasetOptions& options, const std::string& split) {
   return options.image_splits.empty() ||
          std::ranges::find(options.image_splits, split) != options.image_splits.end();
@@ -116,6 +131,12 @@ void rebase(std::vector<View>& views, const std::array<double, 3>& from, const s
         view.camera.translation[r] += view.camera.rotation[3 * r + k] * (to[k] - from[k]);
 }
 
+void note_not_finite(const WorldPoints& points, LoadReport& report) {
+  if (points.not_finite > 0)
+    report.note_difference(
+        fmt::format("{} points are not used, because a coordinate is not finite", points.not_finite));
+}
+
 void take_points(const fs::path& file, LoadedScene& scene) {
   WorldPoints points = read_world_points(file);
   const std::string name = file.filename().string();
@@ -126,6 +147,7 @@ void take_points(const fs::path& file, LoadedScene& scene) {
                     name, points.positions.size()));
     return;
   }
+  note_not_finite(points, scene.report);
   if (!points.unused.empty()) scene.report.note_difference(fmt::format("{}: {}", name, points.unused));
   scene.points = std::move(points);
 }
@@ -170,8 +192,8 @@ namespace {
 struct OtherPictures {
   const char* what;  // name of the kind in messages
   std::initializer_list<std::string_view> extensions;
-  // Command that converts the files to images in the same folder. {0} is the name of a file, and {1} is its
-  // extension.
+  // Command that converts the files to images in the same folder. {0} is the name of a file, and {1} is a
+  // list of patterns, such as *.heic, which match all files.
   const char* command;
 };
 
@@ -179,10 +201,10 @@ const OtherPictures kVideo{
     "video", {".mp4", ".mov", ".mkv", ".avi", ".webm", ".m4v"}, "ffmpeg -i {0} -vf fps=2 %04d.png"};
 const OtherPictures kHeic{"HEIC photograph",
                           {".heic", ".heif", ".hif"},
-                          R"(for f in *{1}; do heif-convert "$f" "${{f%.*}}.jpg"; done)"};
+                          R"(for f in {1}; do heif-convert "$f" "${{f%.*}}.jpg"; done)"};
 const OtherPictures kRaw{"RAW photograph",
                          {".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".orf", ".rw2", ".pef", ".srw"},
-                         R"(for f in *{1}; do darktable-cli "$f" "${{f%.*}}.jpg"; done)"};
+                         R"(for f in {1}; do darktable-cli "$f" "${{f%.*}}.jpg"; done)"};
 
 const OtherPictures* other_pictures(const fs::path& file) {
   if (file.filename().string().starts_with('.') || !is_regular(file)) return nullptr;
@@ -191,11 +213,14 @@ const OtherPictures* other_pictures(const fs::path& file) {
   return nullptr;
 }
 
-std::string conversion_of(const OtherPictures& kind, const fs::path& file) {
+std::string conversion_of(const OtherPictures& kind, const std::vector<fs::path>& files) {
+  const fs::path& file = files.front();
   const fs::path folder = file.has_parent_path() ? file.parent_path() : fs::path(".");
+  std::set<std::string> patterns;
+  for (const fs::path& each : files) patterns.insert("*" + each.extension().string());
   return fmt::format("cd {}; {}", shell_word(folder.string()),
                      fmt::format(fmt::runtime(kind.command), shell_word(file.filename().string()),
-                                 file.extension().string()));
+                                 fmt::join(patterns, " ")));
 }
 
 }  // namespace
@@ -213,7 +238,7 @@ std::string how_to_make_images(const fs::path& path) {
                       "this is one {}, which ubs does not read: convert all photographs in its folder "
                       "('{}'), then pass the "
                       "folder to 'ubs cameras'",
-                      kind->what, conversion_of(*kind, path))
+                      kind->what, conversion_of(*kind, {path}))
                 : std::string();
   }
   for (const fs::path& folder : {path, path / "images"}) {
@@ -223,7 +248,7 @@ std::string how_to_make_images(const fs::path& path) {
       if (const OtherPictures* kind = other_pictures(file)) found[kind].push_back(file);
     for (const auto& [kind, files] : found)
       return fmt::format("{} {}{}, which ubs does not read as images: convert them ('{}')", files.size(),
-                         kind->what, files.size() == 1 ? "" : "s", conversion_of(*kind, files.front()));
+                         kind->what, files.size() == 1 ? "" : "s", conversion_of(*kind, files));
   }
   return {};
 }
@@ -496,7 +521,7 @@ Dataset open_undecoded(const fs::path& path, const DatasetOptions& options) {
       for (View& view : split.views)
         view.camera.cx = view.camera.width / 2.0, view.camera.cy = view.camera.height / 2.0;
   }
-  data.depth_bounds = std::move(scene.depth_bounds);
+  data.depth_bounds = usable_bounds(std::move(scene.depth_bounds), scene.report);
   data.report = std::move(scene.report);
   note_unusual_lenses(data.splits, data.report);
   if (options.read.test_every == 0 &&
@@ -522,8 +547,10 @@ Dataset open_undecoded(const fs::path& path, const DatasetOptions& options) {
     for (Split& split : data.splits) rebase(split.views, scene.offset, data.offset);
   if (one_place && !at_one_place(cameras_of(reference))) unite_positions(data, reference);
   if (data.offset != std::array<double, 3>{})
-    data.report.note(fmt::format("data far from the origin: coordinates are relative to ({}, {}, {})",
-                                 data.offset[0], data.offset[1], data.offset[2]));
+    data.report.note(
+        fmt::format("{}: coordinates are relative to ({}, {}, {})",
+                    one_place ? "all cameras have the same position" : "data far from the origin",
+                    data.offset[0], data.offset[1], data.offset[2]));
   std::array<double, 3> moved = data.offset;
   for (std::size_t k = 0; k < 3; ++k) moved[k] -= scene.offset[k];
   if (scene.points && !scene.points->positions.empty()) data.points = subtract_offset(*scene.points, moved);

@@ -51,6 +51,8 @@ struct LoadedScene {
 // Reads points from a file that was found only by its name. If the points are uniformly random, they are not
 // used, and the report gets a note.
 void take_points(const std::filesystem::path& file, LoadedScene& scene);
+// Adds a note if points of a file were left out because they are not finite.
+void note_not_finite(const WorldPoints& points, LoadReport& report);
 
 // Adds a note for each other split that contains images of the split train.
 void note_shared_images(const std::vector<Split>& splits, LoadReport& report);

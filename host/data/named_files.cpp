@@ -65,20 +65,17 @@ fs::path exact_file(const fs::path& base, const std::string& name, NamedFiles::K
   return is_regular(path) ? path : fs::path();
 }
 
-// Lists all files below the folder except hidden ones. Links to folders are followed if they stay inside the
-// data folder. Folders that cannot be read, such as loops of links, are treated as empty.
-void list_below(const fs::path& folder, const DataRoot& root, std::set<std::string>& visited,
+// Lists `path` if it is a file, and all files below it except hidden ones if it is a folder. Links to folders
+// are followed if they stay inside the data folder. Nothing is listed for links to nothing, for loops of
+// links and for folders that cannot be read.
+void list_below(const fs::path& path, const DataRoot& root, std::set<std::string>& visited,
                 std::vector<fs::path>& files) {
   try {
-    if (root.leads_outside(folder) || !visited.insert(resolved_path(folder).string()).second) return;
-    for (const fs::path& entry : folder_entries(folder)) {
-      const std::string name = entry.filename().string();
-      if (name.starts_with('.')) continue;
-      if (has_picture_extension(name) || !is_folder(entry))
-        files.push_back(entry);
-      else
-        list_below(entry, root, visited, files);
-    }
+    if (is_regular(path)) return files.push_back(path);
+    if (!is_folder(path) || root.leads_outside(path)) return;
+    if (!visited.insert(resolved_path(path).string()).second) return;
+    for (const fs::path& entry : folder_entries(path))
+      if (!entry.filename().string().starts_with('.')) list_below(entry, root, visited, files);
     // The search for files with similar names is optional. If the search fails, the caller reports that the
     // stated name does not exist.
   } catch (const Error&) {
@@ -105,7 +102,7 @@ const NamedFiles::Listing& NamedFiles::listing(const fs::path& top) {
   Listing& result = at->second;
   if (!is_new) return result;
   std::set<std::string> visited;
-  if (is_folder(top)) list_below(top, root_, visited, result.files);
+  list_below(top, root_, visited, result.files);
   for (const fs::path& file : result.files) result.index.add(file.lexically_relative(top).string());
   return result;
 }
@@ -245,6 +242,9 @@ std::vector<fs::path> NamedFiles::find_masks(const std::vector<StatedName>& imag
 std::string NamedFiles::missing(const fs::path& stated_base, const std::string& name) {
   const fs::path base = stated_base.empty() ? fs::path(".") : stated_base;
   const fs::path top = is_below(base.lexically_normal(), folder_) ? folder_ : base.lexically_normal();
+  for (const char* extension : {"", ".png", ".jpg", ".jpeg", ".exr", ".webp"})
+    if (const fs::path path = (base / name).concat(extension).lexically_normal(); is_dead_link(path))
+      return fmt::format("'{}' is a symbolic link to a file that does not exist", path.string());
   const NameIndex& index = listing(top).index;
   std::string text = fmt::format("'{}' does not exist (searched in {}, then by the end of its path below {})",
                                  name, base.string(), top.string());

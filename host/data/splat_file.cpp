@@ -278,10 +278,6 @@ constexpr OtherFile kOthers[] = {
        return "a .ksplat file of GaussianSplats3D, which is not read: export the splats as PLY, SPZ or "
               ".splat";
      }},
-    {[](const FileStart& s) { return s.bytes.starts_with("version https://"); },
-     [](const FileStart&) -> std::string {
-       return "a pointer of Git LFS, not the file: fetch it with 'git lfs pull'";
-     }},
     {[](const FileStart& s) {
        return s.bytes.starts_with("<!DOCTYPE") || s.bytes.starts_with("<!doctype") ||
               s.bytes.starts_with("<html");

@@ -19,6 +19,18 @@ void check_point(const std::array<double, 3>& position, std::size_t index, const
     if (!(std::abs(v) <= kMaxMagnitude)) checked_input(v, fmt::format("{}: point {}", where, index));
 }
 
+bool add_point(WorldPoints& points, const std::array<double, 3>& position,
+               const std::array<std::uint8_t, 3>& colour, std::size_t index, const std::string& where) {
+  if (!std::ranges::all_of(position, [](double v) { return std::isfinite(v); })) {
+    ++points.not_finite;
+    return false;
+  }
+  check_point(position, index, where);
+  points.positions.push_back(position);
+  points.colours.push_back(colour);
+  return true;
+}
+
 WorldPoints read_world_points(const std::filesystem::path& path) {
   const std::string name = path.string();
   PlyHeader header;
@@ -35,7 +47,7 @@ WorldPoints read_world_points(const std::filesystem::path& path) {
   std::vector<double> table(properties.size() * header.count);
   std::vector<double*> rows;
   for (std::size_t r = 0; r < properties.size(); ++r) rows.push_back(table.data() + r * header.count);
-  read_ply_rows(stream, header, properties, rows, name);
+  read_ply_rows(stream, header, properties, rows, name, NonFinite::keep);
 
   // Colours that are stored as bytes are from 0 to 255. Colours of another type are often from 0 to 1, so
   // they are multiplied by 255 if none of them exceeds 1.
@@ -54,15 +66,13 @@ WorldPoints read_world_points(const std::filesystem::path& path) {
   std::vector<std::string> unused = unused_properties(header, properties);
   for (std::string& element : unused_elements(header, 1)) unused.push_back(std::move(element));
   cloud.unused = fmt::format("{}", fmt::join(unused, "; "));
-  cloud.positions.resize(header.count);
-  cloud.colours.assign(header.count, {127, 127, 127});
+  cloud.positions.reserve(header.count);
+  cloud.colours.reserve(header.count);
   for (std::size_t i = 0; i < header.count; ++i) {
-    for (std::size_t k = 0; k < 3; ++k) {
-      cloud.positions[i][k] = rows[k][i];
-      if (coloured)
-        cloud.colours[i][k] = static_cast<std::uint8_t>(std::clamp(scale * rows[3 + k][i] + 0.5, 0.0, 255.0));
-    }
-    check_point(cloud.positions[i], i, name);
+    std::array<std::uint8_t, 3> colour{127, 127, 127};
+    for (std::size_t k = 0; k < 3 && coloured; ++k)
+      colour[k] = static_cast<std::uint8_t>(std::clamp(scale * rows[3 + k][i] + 0.5, 0.0, 255.0));
+    add_point(cloud, {rows[0][i], rows[1][i], rows[2][i]}, colour, i, name);
   }
   return cloud;
 }

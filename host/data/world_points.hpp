@@ -18,7 +18,14 @@ struct WorldPoints {
   std::vector<std::array<double, 3>> positions;
   std::vector<std::array<std::uint8_t, 3>> colours;  // one per position
   std::string unused;  // names of the properties and elements that were not used; empty if there are none
+  // Number of points that were left out because a coordinate is not finite.
+  std::size_t not_finite = 0;
 };
+
+// Adds a point of a file. A point that is not finite is only counted; then the function returns false.
+// Throws Error(data) with a message that starts with `where` if check_point() does.
+bool add_point(WorldPoints& points, const std::array<double, 3>& position,
+               const std::array<std::uint8_t, 3>& colour, std::size_t index, const std::string& where);
 
 // Throws Error(data) with a message that starts with `where` if a coordinate is not finite, or if its
 // absolute value exceeds kMaxMagnitude (camera.hpp).

@@ -116,12 +116,14 @@ TEST_CASE("cli: wrong usage gives a message of one line and exit code 2, or 3 fo
   check_error(folder, "trian", 2, "did you mean 'train'?");
   check_error(folder, "train --out o", 2, "no data folder given");
   // Arguments that users may pass by mistake instead of a data folder.
-  for (const char* name : {"scan.spz", "photo.JPG", "clip.mp4", "IMG_1.HEIC"})
+  for (const char* name : {"scan.spz", "photo.JPG", "clip.mp4", "IMG_1.HEIC", "notes.xml"})
     std::ofstream(folder / name) << "x";
   check_error(folder, "train scan.spz", 3,
               "this is a model, not a data set: show it with 'ubs view scan.spz'");
-  check_error(folder, "train photo.JPG", 3, "this is one image: pass a folder of images");
-  for (const std::string command : {"train ", "cameras "}) {
+  for (const std::string command : {"train ", "info "})
+    check_error(folder, command + "photo.JPG", 3, "this is one image: pass a folder of images");
+  check_error(folder, "info notes.xml", 3, "neither a data set nor a model: pass a data folder");
+  for (const std::string command : {"train ", "cameras ", "info "}) {
     check_error(folder, command + "clip.mp4", 3,
                 "this is a video: extract its frames ('mkdir photos; ffmpeg -i clip.mp4 -vf fps=2");
     check_error(folder, command + "IMG_1.HEIC", 3,
@@ -137,7 +139,7 @@ TEST_CASE("cli: wrong usage gives a message of one line and exit code 2, or 3 fo
   check_error(folder, "render --model m --data d --out o --format jpg", 2, "jpg");
   check_error(folder, "eval --model m --data d --set iterations=3", 2, "unknown key 'iterations'");
   check_error(folder, "synth castle --out o", 2, "castle");
-  CHECK(file_count(folder.path()) == 6);  // the four files above, stdout.txt and stderr.txt
+  CHECK(file_count(folder.path()) == 7);  // the five files above, stdout.txt and stderr.txt
 }
 
 // In earlier versions, each of these commands ran and ignored the option.

@@ -707,6 +707,9 @@ TEST_CASE("cameras: existing cameras, videos, and photographs in unsupported for
         check_error(folder, ubs, 3, command);
     }
   }
+  fs::remove_all(folder / "raw");
+  for (const char* name : {"raw/a.heic", "raw/b.HEIC"}) put(folder / name, "0");
+  check_error(folder, "cameras raw", 3, "for f in *.HEIC *.heic; do heif-convert");
 }
 
 TEST_CASE("a report shows the worst view and lists problems") {

@@ -377,6 +377,9 @@ TEST_CASE("cli: masked pixels are ignored in training and evaluation", "[cli]") 
   std::fill(mask.rgb.begin(), mask.rgb.end(), std::uint8_t{0});
   save_png(folder / "other/m.png", mask);
   CHECK_THAT(run_ubs(folder, "eval a/model.ply --data other").err, Contains("leaves no pixel"));
+  check_error(folder, "train other --test-every 0 --out d", 3, "the masks exclude all pixels of all ");
+  check_error(folder, "train other --test-every 1 --out d", 2,
+              "--test-every 1 makes every image a test image, so none is left for training");
 }
 
 TEST_CASE("cli: a small image cache only changes the memory usage", "[cli]") {

@@ -121,6 +121,84 @@ TEST_CASE("colmap: text files without the empty second lines are read completely
              Contains("images.txt:2: quaternion is missing"));
 }
 
+TEST_CASE("colmap: text files may start with a byte order mark", "[colmap]") {
+  const TempFolder folder;
+  put_scene(folder);
+  for (const char* name : {"cameras.txt", "images.txt", "points3D.txt"}) {
+    const std::filesystem::path file = folder / "sparse/0" / name;
+    const std::string text = get(file);
+    put(file, "\xef\xbb\xbf" + (text.starts_with('#') ? text.substr(text.find('\n') + 1) : text));
+  }
+  const Dataset data = load_dataset(folder.path(), {.read = {.test_every = 0}});
+  CHECK(data.find("train")->views.size() == 10);
+  CHECK(data.points->positions.size() == 2);
+}
+
+TEST_CASE("colmap: each file may be binary or text", "[colmap]") {
+  const TempFolder folder;
+  put(folder / "cameras.bin", binary_camera(0, {300, 160, 120}));
+  put(folder / "images.txt", "3 1 0 0 0 0 0 0 7 a.png\n\n");
+  CHECK(read_colmap_model(folder.path()).images.at(0).name == "a.png");
+  CHECK(count_colmap_images(folder.path()) == 1);
+  std::filesystem::remove(folder / "cameras.bin");
+  put(folder / "cameras.txt", "7 PINHOLE 320 240 300 300 160 120\n");
+  std::filesystem::remove(folder / "images.txt");
+  CHECK_THAT(message_of([&] { read_colmap_model(folder.path()); }),
+             Contains("neither images.bin nor images.txt"));
+  put(folder / "images.bin", binary_image("b.png", 0));
+  CHECK(read_colmap_model(folder.path()).images.at(0).name == "b.png");
+  CHECK(count_colmap_images(folder.path()) == 1);
+}
+
+TEST_CASE("colmap: cameras that no image has may be invalid, and are reported", "[colmap]") {
+  const TempFolder folder;
+  put_scene(folder);
+  for (const char* camera : {"3 PINHOLE 0 0 1 1 0 0", "3 UNKNOWN_LENS 64 48 1 2 3"}) {
+    put(folder / "sparse/0/cameras.txt", std::string(kCameras) + camera + "\n");
+    put(folder / "sparse/0/images.txt", images_text());
+    const Dataset data = load_dataset(folder.path(), {.read = {.test_every = 0}});
+    CHECK(data.find("train")->views.size() == 10);
+    REQUIRE(data.report.skipped.size() == 1);
+    CHECK(data.report.skipped[0].examples == std::vector<std::string>{"camera 3"});
+    put(folder / "sparse/0/images.txt", images_text(3));
+    CHECK_THAT(message_of([&] { load_dataset(folder.path()); }), Contains("cameras.txt:4: "));
+  }
+}
+
+TEST_CASE("colmap: points that are not finite are left out and counted", "[colmap]") {
+  const TempFolder folder;
+  put_scene(folder);
+  const std::string note = "1 points are not used, because a coordinate is not finite";
+  put(folder / "sparse/0/points3D.txt", std::string("9 nan 0 1 1 2 3 0.1\n") + kPoints);
+  const Dataset text = load_dataset(folder.path());
+  CHECK(text.points->positions.size() == 2);
+  CHECK(text.points->colours.at(0) == std::array<std::uint8_t, 3>{10, 20, 30});
+  CHECK(std::ranges::count(text.report.differences, note) == 1);
+
+  std::filesystem::remove(folder / "sparse/0/points3D.txt");
+  std::string bytes;
+  add<std::uint64_t>(bytes, 2);
+  for (const double x : {std::nan(""), 5.0}) {
+    add<std::uint64_t>(bytes, 1);
+    for (const double c : {x, 1.0, 2.0}) add(bytes, c);
+    bytes += "\x01\x02\x03";
+    add(bytes, 0.5);
+    add<std::uint64_t>(bytes, 0);
+  }
+  put(folder / "sparse/0/points3D.bin", bytes);
+  const Dataset binary = load_dataset(folder.path());
+  CHECK(binary.points->positions.size() == 1);
+  CHECK(std::ranges::count(binary.report.differences, note) == 1);
+
+  std::filesystem::remove(folder / "sparse/0/points3D.bin");
+  put(folder / "sparse/0/points3D.ply",
+      "ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nproperty float y\nproperty float z\n"
+      "end_header\n1 2 inf\n1 2 3\n");
+  const Dataset ply = load_dataset(folder.path());
+  CHECK(ply.points->positions.size() == 1);
+  CHECK(std::ranges::count(ply.report.differences, note) == 1);
+}
+
 TEST_CASE("colmap: colours of text files may be floating-point numbers", "[colmap]") {
   const TempFolder folder;
   put_scene(folder);
@@ -255,6 +333,21 @@ TEST_CASE("colmap: masked pixels are ignored", "[colmap]") {
   REQUIRE(half.mask.size() == 32 * 24);
   CHECK(half.mask[32 * 5 - 1] == 0);
   CHECK(half.mask[32 * 5] == 255);
+}
+
+TEST_CASE("colmap: in masks with the values 0 and 1, the value 1 means that a pixel is used", "[colmap]") {
+  const TempFolder folder;
+  put_scene(folder);
+  std::filesystem::create_directories(folder / "masks");
+  const std::string file = (folder / "masks/im3.png").string();
+  for (const int type : {CV_8UC1, CV_16UC1}) {
+    cv::Mat mask(48, 64, type, cv::Scalar(1));
+    mask.rowRange(0, 10).setTo(0);
+    REQUIRE(cv::imwrite(file, mask));
+    const Dataset data = load_dataset(folder.path(), {.read = {.test_every = 0}});
+    const Image8& image = data.find("train")->views.at(3).image;
+    CHECK(std::ranges::count(image.mask, 255) == 38 * 64);
+  }
 }
 
 TEST_CASE("colmap: a mask may have the name of its image with a different extension", "[colmap]") {
@@ -439,8 +532,8 @@ TEST_CASE("colmap: errors of damaged files contain the line or byte", "[colmap]"
   TempFolder folder;
   put_scene(folder);
   const auto message = [&] { return message_of([&] { read_colmap_model(folder / "sparse/0"); }); };
-  put(folder / "sparse/0/points3D.txt", "1 0 0 0 1 2 3 0\n2 nan 0 0 1 2 3 0\n");
-  CHECK_THAT(message(), Contains("points3D.txt:2: coordinate is nan"));
+  put(folder / "sparse/0/points3D.txt", "1 0 0 0 1 2 3 0\n2 1e300 0 0 1 2 3 0\n");
+  CHECK_THAT(message(), Contains("points3D.txt:2: point 1 = 1e+300"));
   put(folder / "sparse/0/points3D.txt", "1 0 0 0 1 2 300 0\n");
   CHECK_THAT(message(), Contains("points3D.txt:1: colour '300'"));
   put(folder / "sparse/0/points3D.txt", kPoints);

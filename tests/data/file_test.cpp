@@ -122,6 +122,20 @@ TEST_CASE("file: errors contain the path", "[file]") {
              Contains("no/such/x: cannot write"));
 }
 
+TEST_CASE("file: links to missing files and pointers of Git LFS are named as such", "[file]") {
+  const TempFolder folder;
+  std::filesystem::create_symlink("gone", folder / "link");
+  CHECK_THAT(message_of([&] { read_file(folder / "link"); }),
+             Contains("link: this is a symbolic link to a file that does not exist"));
+  put(folder / "p", "version https://git-lfs.github.com/spec/v1\noid sha256:0\nsize 1\n");
+  CHECK_THAT(message_of([&] { read_file(folder / "p"); }), Contains("git lfs pull"));
+  put(folder / "p", "version https://git-lfs.example.com/spec/v1");
+  CHECK(read_text_file(folder / "p").size() == 43);
+  put(folder / "p", "\xef\xbb\xbftext");  // with a byte order mark
+  CHECK(read_text_file(folder / "p") == "text");
+  CHECK(read_file(folder / "p").size() == 7);
+}
+
 TEST_CASE("parallel_for: every item is processed once, and the first failure is reported", "[file]") {
   std::vector<int> hits(1000, 0);
   parallel_for(hits.size(), [&](std::size_t i) { ++hits[i]; });

@@ -143,6 +143,35 @@ TEST_CASE("image: errors contain the path", "[image]") {
   CHECK_THAT(message_of([&] { load_image(folder / "float.tiff"); }), Contains("8- and 16-bit"));
 }
 
+TEST_CASE("image: the orientation of a TIFF file is reported, but not applied", "[image]") {
+  const TempFolder folder;
+  const auto put_tiff = [&](bool big, int orientation) {
+    std::string bytes = big ? std::string("MM\0*", 4) : std::string("II*\0", 4);
+    const auto add = [&](std::uint32_t value, int size) {
+      for (int i = 0; i < size; ++i) bytes += static_cast<char>(value >> 8 * (big ? size - 1 - i : i) & 0xff);
+    };
+    const auto entry = [&](std::uint32_t tag, std::uint32_t value) {  // a number of two bytes
+      add(tag, 2), add(3, 2), add(1, 4), add(value, 2), add(0, 2);
+    };
+    constexpr std::uint32_t kPixels = 8 + 2 + 10 * 12 + 4;
+    add(8, 4), add(10, 2);
+    entry(256, 3), entry(257, 2), entry(258, 8), entry(259, 1), entry(262, 1), entry(273, kPixels);
+    entry(274, static_cast<std::uint32_t>(orientation)), entry(277, 1), entry(278, 2), entry(279, 6);
+    add(0, 4);
+    put(folder / "a.tif", bytes + std::string("\x0a\x14\x1e\x28\x32\x3c", 6));
+  };
+  for (const bool big : {false, true})
+    for (int orientation = 1; orientation <= 8; ++orientation) {
+      put_tiff(big, orientation);
+      const ImageInfo info = image_file_info(folder / "a.tif");
+      CHECK(info.size == ImageSize{3, 2});
+      CHECK(info.orientation == orientation);
+      const Image8 image = load_image(folder / "a.tif");
+      REQUIRE(image.width == 3);
+      for (std::size_t i = 0; i < 6; ++i) CHECK(image.rgb[3 * i] == 10 * (i + 1));
+    }
+}
+
 TEST_CASE("image: files with three channels are opaque in every format", "[image]") {
   TempFolder folder;
   for (const char* name : {"a.tiff", "a.bmp"}) {

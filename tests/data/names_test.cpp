@@ -216,6 +216,31 @@ TEST_CASE("names: each of 40 000 files is found", "[names]") {
   }
 }
 
+TEST_CASE("names: links to missing files are missing images", "[names]") {
+  for (const bool one : {true, false}) {
+    const TempFolder folder;
+    put_model(folder / "sparse/0", {"a.png", "b.png"});
+    fs::create_directories(folder / "images");
+    for (const char* name : {"a.png", "b.png"})
+      fs::create_symlink("/nowhere/x.png", folder / "images" / name);
+    fs::create_symlink("loop", folder / "images/loop");
+    if (one) fs::remove(folder / "images/a.png"), put_image(folder / "images/a.png", 16, 12);
+    const Opened found = opened(folder.path());
+    INFO(found.error << found.notes);
+    CHECK(found.views == (one ? 1 : 0));
+    if (one)
+      CHECK_THAT(found.notes, Contains("1 skipped: no such file in images"));
+    else
+      CHECK_THAT(found.error, Contains("none of the 2 images of the model exists: for example, '") &&
+                                  Contains("images/a.png' is a symbolic link to a file that does not exist"));
+    const TempFolder blender;
+    put_json(blender / "transforms_train.json", {"train/a"});
+    fs::create_directories(blender / "train");
+    fs::create_symlink("/nowhere/x.png", blender / "train/a.png");
+    CHECK_THAT(opened(blender.path(), {}).error, Contains("none of the 1 images exists"));
+  }
+}
+
 TEST_CASE("names: hidden files of macOS are not used as images", "[names]") {
   for (const Opened& found : in_all_layouts({"images/a1.png"}, {"images/a1.png", "images/._a1.png"})) {
     INFO(found.error << found.notes);
@@ -327,6 +352,12 @@ TEST_CASE("notes: every reader reports the parts of the data that it does not us
       {"a video next to the images (llff)", "1 videos are not used, because poses_bounds.npy has 2 rows",
        [](const fs::path& f) {
          put_rows(f, 2), put(f / "walk.mp4", "");
+         put_image(f / "images/a.png", 128, 96), put_image(f / "images/b.png", 128, 96);
+       }},
+      {"a folder that is no camera (llff)",
+       "1 folders of images whose names start with 'cam' are not used, because poses_bounds.npy has 2 rows",
+       [](const fs::path& f) {
+         put_rows(f, 2), put_image(f / "camera_path/preview.png", 16, 12);
          put_image(f / "images/a.png", 128, 96), put_image(f / "images/b.png", 128, 96);
        }},
       {"a mask without an image (llff)", "1 masks in 'masks' belong to no image (the first: 'masks/b.png')",

@@ -524,6 +524,18 @@ TEST_CASE("dataset: at_one_place() works near the origin and far from it", "[dat
 
 // The offset is rounded to whole units, or to smaller steps if whole units are large compared with the
 // extent.
+TEST_CASE("dataset: cameras at one place near the origin are not called far from it", "[dataset]") {
+  const TempFolder folder;
+  put_image(folder / "images/f0.png", 64, 48);
+  std::string frame =
+      R"({"file_path": "images/f0.png", "transform_matrix": [[1,0,0,4],[0,1,0,0],[0,0,1,0]]})";
+  put(folder / "transforms.json", fmt::format("{{{} \"frames\": [{}, {}]}}", kHead, frame, frame));
+  const Dataset data = load_dataset(folder.path(), {.read = {.test_every = 0}});
+  CHECK(std::ranges::count(data.report.notes,
+                           "all cameras have the same position: coordinates are relative to "
+                           "(4, 0, 0)") == 1);
+}
+
 TEST_CASE("dataset: the offset keeps the digits of data in a large unit", "[dataset]") {
   TempFolder folder;
   put_frames(folder, 24);
@@ -703,6 +715,80 @@ TEST_CASE("n3v: folders of frames are read", "[llff]") {
   CHECK(unsplit.find("test")->views.size() == 3);
   CHECK(std::ranges::count(unsplit.report.notes,
                            "--test-every 0 has no effect, because the data state their test views") == 1);
+}
+
+TEST_CASE("n3v: frames are in natural order", "[llff]") {
+  const TempFolder folder;
+  put_rows(folder.path(), 2);
+  for (int camera = 0; camera < 2; ++camera)
+    for (const char* name : {"f1_0", "f1_1", "f1_2", "f1_9", "f1_010", "f1_11", "f2_1"})
+      put_image(folder / fmt::format("cam0{}/{}.png", camera, name), 16, 12);
+  DatasetOptions options;
+  std::vector<std::string> names;
+  const Dataset data = load_dataset(folder.path(), options);
+  for (const View& view : data.find("train")->views) names.push_back(view.file.stem().string());
+  CHECK(names == std::vector<std::string>{"f1_0", "f1_1", "f1_2", "f1_9", "f1_010", "f1_11", "f2_1"});
+  options.read.frames = {.first = 2, .end = 5};
+  const Dataset some = load_dataset(folder.path(), options);
+  CHECK(some.find("train")->views.at(2).file.stem() == "f1_010");
+}
+
+TEST_CASE("llff: links to missing files are errors, because they would shift the other images", "[llff]") {
+  for (const char* images : {"images", "cam00"}) {
+    const TempFolder folder;
+    put_rows(folder.path(), 2);
+    for (const char* name : {"0.png", "2.png"}) put_image(folder / images / name, 16, 12);
+    std::filesystem::create_symlink("gone.png", folder / images / "1.png");
+    CHECK_THAT(message_of([&] { load_dataset(folder.path()); }),
+               Contains("1.png: this is a symbolic link to a file that does not exist"));
+  }
+}
+
+TEST_CASE("llff: unusable depth bounds are not used, and this is reported", "[llff]") {
+  const TempFolder folder;
+  for (int i = 0; i < 2; ++i) put_image(folder / fmt::format("images/{}.png", i), 128, 96);
+  const double inf = std::numeric_limits<double>::infinity();
+  for (const auto& [near, far] :
+       {std::pair{0.0, 9.0}, {-1, 9}, {5, 2}, {5, 5}, {std::nan(""), 9}, {1, inf}}) {
+    std::vector<double> rows;
+    add_row(rows, 0), add_row(rows, 1);
+    rows[17 + 15] = near, rows[17 + 16] = far;
+    put_poses(folder / "poses_bounds.npy", rows);
+    const Dataset data = load_dataset(folder.path(), {.read = {.test_every = 0}});
+    INFO(near << " " << far);
+    CHECK(data.depth_bounds.empty());
+    REQUIRE(data.report.differences.size() == 1);
+    CHECK_THAT(data.report.differences[0], Contains("the depth bounds of the data are not used"));
+  }
+}
+
+TEST_CASE("llff: if the folder of images does not exist, the error names another one", "[llff]") {
+  const TempFolder folder;
+  put_rows(folder.path(), 2);
+  const auto message = [&](const DatasetOptions& options = {}) {
+    return message_of([&] { load_dataset(folder.path(), options); });
+  };
+  CHECK_THAT(message(), Contains("/images: this folder does not exist") && !Contains("--images"));
+  for (const char* name : {"0.png", "1.png"}) put_image(folder / name, 128, 96);
+  CHECK_THAT(message(), Contains("does not exist: use the images in the data folder with --images ."));
+  CHECK(load_dataset(folder.path(), {.read = {.images = ".", .test_every = 0}}).splits.size() == 1);
+  for (const char* name : {"images_4/0.png", "images_4/1.png", "images_2/0.png"})
+    put_image(folder / name, 32, 24);
+  CHECK_THAT(message(), Contains("choose the folder that has the images with --images images_4"));
+  CHECK_THAT(message({.read = {.images = "images_8"}}), Contains("images_8: this folder does not exist"));
+  CHECK(message({.read = {.images = "images_4"}}).empty());
+}
+
+TEST_CASE("llff: the error of a COLMAP model with other names mentions the layout llff", "[llff]") {
+  const TempFolder folder;
+  put_rows(folder.path(), 1);
+  put(folder / "sparse/0/cameras.txt", "1 PINHOLE 128 96 100 100 64 48\n");
+  put(folder / "sparse/0/images.txt", "1 1 0 0 0 0 0 0 1 IMG_4026.JPG\n\n");
+  put_image(folder / "images_4/image000.png", 32, 24);
+  DatasetOptions options{.read = {.images = "images_4", .test_every = 0}};
+  CHECK_THAT(message_of([&] { load_dataset(folder.path(), options); }), Contains("with --layout llff"));
+  options.read.layout = "llff";
+  CHECK(load_dataset(folder.path(), options).find("train")->views.size() == 1);
 }
 
 TEST_CASE("image: EXR contains linear light and is converted to sRGB", "[image]") {

@@ -251,7 +251,7 @@ TEST_CASE("training refines inaccurate poses and focal lengths", "[cameras]") {
     Split train = off.train, test = off.test;
     use_run_cameras(folder.path(), train, offset);
     use_run_cameras(folder.path(), test, offset);
-    const ColmapModel colmap = read_colmap_text(folder.path());
+    const ColmapModel colmap = read_colmap_model(folder.path());
     CHECK(colmap.images.size() == 28);
     for (std::size_t i = 0; i < train.views.size(); ++i) {
       CHECK(length(Vec3(train.views[i].camera.centre()) - refined[i].centre()) < 1e-12);
