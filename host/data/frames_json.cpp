@@ -244,7 +244,7 @@ void take_stated_points(NamedFiles& files, const Node& file, const fs::path& fol
   const std::string name = file.text("ply_file_path");
   const fs::path points = files.find(folder, {{name, file.where}}, NamedFiles::Kind::points).front();
   if (points.empty())
-    scene.report.note_difference(fmt::format("no points: 'ply_file_path' {}", files.missing(folder, name)));
+    scene.report.note_difference(fmt::format("'ply_file_path': {}", files.missing(folder, name)));
   else
     take_points(points, scene);
 }

@@ -300,7 +300,7 @@ TEST_CASE("notes: every reader reports the parts of the data that it does not us
          put_image(f / "images/a.png", 16, 12), put_image(f / "masks/a.png", 16, 12);
          put_json(f / "transforms.json", {"images/a.png"});
        }},
-      {"points that do not exist", "no points: 'ply_file_path' 'p.ply' does not exist",
+      {"points that do not exist", "'ply_file_path': 'p.ply' does not exist",
        [](const fs::path& f) {
          put_image(f / "images/a.png", 16, 12);
          put_json(f / "transforms.json", {"images/a.png"}, R"("ply_file_path": "p.ply",)");
