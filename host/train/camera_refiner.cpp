@@ -3,6 +3,8 @@
 
 #include <algorithm>
 #include <cmath>
+#include <map>
+#include <numeric>
 
 #include "host/base/error.hpp"
 #include "host/base/stopwatch.hpp"
@@ -23,11 +25,33 @@ constexpr double kFirstRidge = 0.03;
 // together in directions that the images do not determine. Starting from correct poses, cameras drifted by
 // 0.15 degrees in 20 sweeps (docs/results/2026-11-22-cameras.md).
 constexpr double kPrior = 2e-3;
-constexpr double kLensDamping = 1e-2;  // relative increase of the diagonal of the lens equations
+// Lenses are refined in the second half of the sweeps, because an early model fits any lens. Their prior is
+// stronger than that of poses, and no number of the CameraMove from the given lens may exceed kMostLens.
+// Without these limits, a few small images let the focal lengths grow without bound.
+constexpr double kFirstLens = 0.5, kLensPrior = 0.02, kMostLens = 0.1;
+constexpr double kLensDamping = 1e-2;  // relative increase of the diagonals in refine_lens()
 
 bool same_lens(const Camera& a, const Camera& b) {
   return a.fx == b.fx && a.fy == b.fy && a.cx == b.cx && a.cy == b.cy && a.width == b.width &&
          a.height == b.height;
+}
+
+// Returns the change of the lens of `from` to that of `to`, as numbers 6 to 9 of a CameraMove.
+CameraMove lens_move(const Camera& from, const Camera& to) {
+  CameraMove move{};
+  move[6] = std::log(to.fx / from.fx), move[7] = std::log(to.fy / from.fy);
+  move[8] = (to.cx - from.cx) / from.fx, move[9] = (to.cy - from.cy) / from.fy;
+  return move;
+}
+
+// Increases `count` diagonal entries: each by kLensDamping of its value, and by `share` of the largest one,
+// which is returned.
+double hold(NormalEquations& equations, std::size_t count, double share) {
+  double most = 0;
+  for (std::size_t k = 0; k < count; ++k) most = std::max(most, equations.matrix[k][k]);
+  for (std::size_t k = 0; k < count; ++k)
+    equations.matrix[k][k] += kLensDamping * equations.matrix[k][k] + share * most;
+  return most;
 }
 
 }  // namespace
@@ -81,16 +105,21 @@ int CameraRefiner::factor_for(std::size_t view, int factor) const {
   return factor;
 }
 
-// Refines one lens with the normal equations of all views that share it. First the pose of each view is
-// eliminated (Schur complement). The remaining equations contain only the lens. They take into account that
-// every pose would be adapted to a change of the lens.
-void CameraRefiner::refine_lens(const Drawing& drawing, int factor, std::size_t lens) {
+// Refines one lens, and the poses of all views that share it, with one Gauss-Newton step. First the pose of
+// each view is eliminated (Schur complement). The remaining equations contain only the lens. They take into
+// account that every pose is adapted to a change of the lens. The step is only taken if it reduces the
+// squared error of the images.
+void CameraRefiner::refine_lens(const Drawing& drawing, int factor, std::size_t lens, double ridge) {
+  constexpr std::size_t kLensMoves = kCameraMoves - kPoseMoves;
+  std::map<std::uint32_t, NormalEquations> views;
   NormalEquations sum;
-  for (std::size_t i = 0; i < cameras_.size(); ++i) {
+  const auto fit_of = [&](std::uint32_t view) {
+    return PoseFit(drawing, parts_of(train_, {&view, 1}, cameras_), factor_for(view, factor), depth_[view]);
+  };
+  for (std::uint32_t i = 0; i < cameras_.size(); ++i) {
     if (lens_[i] != lens) continue;
-    const auto view = static_cast<std::uint32_t>(i);
-    PoseFit fit(drawing, parts_of(train_, {&view, 1}, cameras_), factor_for(i, factor), depth_[i]);
-    const NormalEquations own = fit.linearise(cameras_[i], kCameraMoves);
+    NormalEquations own = fit_of(i).linearise(cameras_[i], kCameraMoves);
+    hold(own, kPoseMoves, ridge + kPrior);
     NormalEquations column = own;
     const CameraMove pose = solve_normal(column, kPoseMoves);
     // If the result is not finite, the image contains no information: all its pixels are masked, or it shows
@@ -108,25 +137,45 @@ void CameraRefiner::refine_lens(const Drawing& drawing, int factor, std::size_t 
       for (std::size_t k = 0; k < kPoseMoves; ++k) given_way += own.matrix[b][k] * pose[k];
       sum.right[b - kPoseMoves] += own.right[b] - given_way;
     }
+    sum.squares += own.squares;
+    views.emplace(i, own);
   }
-  constexpr std::size_t kLensMoves = kCameraMoves - kPoseMoves;
-  for (std::size_t k = 0; k < kLensMoves; ++k) sum.matrix[k][k] *= 1 + kLensDamping;
+  const double prior = kLensPrior * hold(sum, kLensMoves, ridge + kLensPrior);
+  const auto held = [&](const Camera& camera) {
+    const CameraMove way = lens_move(camera, given_[lens]);
+    return prior * std::inner_product(way.begin(), way.end(), way.begin(), 0.0);
+  };
+  const CameraMove way = lens_move(cameras_[lens], given_[lens]);
+  for (std::size_t k = 0; k < kLensMoves; ++k) sum.right[k] += prior * way[kPoseMoves + k];
   const CameraMove found = solve_normal(sum, kLensMoves);
-  CameraMove move{};
-  std::copy_n(found.begin(), kLensMoves, move.begin() + kPoseMoves);
-  if (!std::ranges::all_of(move, [](double v) { return std::isfinite(v); })) return;
-  const Camera next = moved(cameras_[lens], move, depth_[lens]);
-  for (std::size_t i = 0; i < cameras_.size(); ++i)
-    if (lens_[i] == lens) take_lens(cameras_[i], next);
+  CameraMove change{};
+  std::copy_n(found.begin(), kLensMoves, change.begin() + kPoseMoves);
+  if (!std::ranges::all_of(change, [](double v) { return std::isfinite(v); })) return;
+  limit_step(change);
+  for (std::size_t k = kPoseMoves; k < kCameraMoves; ++k)
+    change[k] = std::clamp(change[k], way[k] - kMostLens, way[k] + kMostLens);
+  std::vector<Camera> next = cameras_;
+  for (std::size_t i = 0; i < next.size(); ++i)
+    if (lens_[i] == lens) take_lens(next[i], moved(cameras_[lens], change, depth_[lens]));
+  double squares = held(next[lens]);
+  for (auto& [view, own] : views) {
+    for (std::size_t k = 0; k < kPoseMoves; ++k)
+      for (std::size_t b = kPoseMoves; b < kCameraMoves; ++b) own.right[k] -= own.matrix[k][b] * change[b];
+    CameraMove pose = solve_normal(own, kPoseMoves);
+    limit_step(pose);
+    next[view] = moved(next[view], pose, depth_[view]);
+    squares += fit_of(view).squares(next[view]);
+  }
+  if (squares < sum.squares + held(cameras_[lens])) cameras_ = std::move(next);
 }
 
 void CameraRefiner::sweep(const Drawing& drawing, int factor, double done) {
-  if (what_ == RefineCameras::pose_and_intrinsics)
+  const double ridge = kFirstRidge * (1 - done) * (1 - done);
+  if (what_ == RefineCameras::pose_and_intrinsics && done >= kFirstLens)
     for (std::size_t i = 0; i < cameras_.size(); ++i)
-      if (lens_[i] == i && has_own_lens(i)) refine_lens(drawing, factor, i);
+      if (lens_[i] == i && has_own_lens(i)) refine_lens(drawing, factor, i, ridge);
   for (const auto& views : images_) {
-    const std::vector<Camera> cameras =
-        refined(drawing, factor, views, kFirstRidge * (1 - done) * (1 - done));
+    const std::vector<Camera> cameras = refined(drawing, factor, views, ridge);
     for (std::size_t k = 0; k < views.size(); ++k) cameras_[views[k]] = cameras[k];
   }
   hold_gauge(cameras_, given_);
@@ -146,9 +195,10 @@ double CameraRefiner::sweep_seconds(const Drawing& drawing, int factor) const {
   const Stopwatch watch;
   refined(drawing, factor, images_[0], 0);
   const double seconds_per_view = watch.seconds() / static_cast<double>(images_[0].size());
-  // refined() renders a camera kPoseMoves + 2 times. refine_lens() renders it another kCameraMoves + 1 times.
+  // refined() renders a camera kPoseMoves + 2 times. refine_lens() renders it another kCameraMoves + 2 times.
   const double drawings = kPoseMoves + 2;
-  const double more = what_ == RefineCameras::pose_and_intrinsics ? (kCameraMoves + 1) / drawings : 0;
+  const double more =
+      what_ == RefineCameras::pose_and_intrinsics ? kFirstLens * (kCameraMoves + 2) / drawings : 0;
   return (1 + more) * seconds_per_view * static_cast<double>(cameras_.size());
 }
 

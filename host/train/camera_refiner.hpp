@@ -43,7 +43,7 @@ class CameraRefiner {
   // Returns the refined cameras of the views of an image.
   std::vector<Camera> refined(const Drawing& drawing, int factor, std::span<const std::uint32_t> views,
                               double ridge) const;
-  void refine_lens(const Drawing& drawing, int factor, std::size_t lens);
+  void refine_lens(const Drawing& drawing, int factor, std::size_t lens, double ridge);
   int factor_for(std::size_t view, int factor) const;
   bool has_own_lens(std::size_t view) const { return train_.views[view].part_of.empty(); }
 

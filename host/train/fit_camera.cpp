@@ -15,8 +15,7 @@ namespace {
 // such a distance.
 constexpr double kStepPixels = 0.25;
 constexpr double kSettledPixels = 5e-3;  // the fit ends when a step moves the image by less [px]
-// Maximum of each number of a step (CameraMove, roughly in radians). Longer steps diverge while the model is
-// nearly transparent.
+// Maximum of each number of a step (CameraMove, roughly in radians).
 constexpr double kMaxStep = 0.03;
 constexpr int kFittingSteps = 20;  // maximum number of steps for each size of the image
 // The search compares shifts by up to this number of pixels of the reduced image, in both directions of each
@@ -59,6 +58,13 @@ CameraMove solve_normal(NormalEquations e, std::size_t moves) {
     out[k] /= m[k][k];
   }
   return out;
+}
+
+double limit_step(CameraMove& move) {
+  double largest = 0;
+  for (const double v : move) largest = std::max(largest, std::abs(v));
+  for (double& v : move) v *= kMaxStep / std::max(largest, kMaxStep);
+  return largest;
 }
 
 std::vector<Part> parts_of(const Split& split, std::span<const std::uint32_t> views,
@@ -179,10 +185,9 @@ Camera PoseFit::descend(Camera camera, int steps, const PoseHold& hold) {
       damped.right[k] += prior * way[k];
     }
     CameraMove move = solve_normal(damped, kPoseMoves);
-    double largest = 0;
-    for (double& v : move) largest = std::max(largest, std::abs(v *= hold.stretch));
+    for (double& v : move) v *= hold.stretch;
     if (!std::ranges::all_of(move, [](double v) { return std::isfinite(v); })) break;
-    for (double& v : move) v *= kMaxStep / std::max(largest, kMaxStep);
+    const double largest = limit_step(move);
     const Camera next = moved(camera, move, depth_);
     if (!(squares(next) + held(next) < at.squares + held(camera))) {
       damping *= 10;

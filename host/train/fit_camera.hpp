@@ -34,6 +34,10 @@ struct NormalEquations {
 // contains NaN or infinite values if the matrix is singular.
 CameraMove solve_normal(NormalEquations equations, std::size_t moves);
 
+// Shortens a move whose largest number is above 0.03, and returns the largest number before. Longer steps
+// diverge while the model is nearly transparent.
+double limit_step(CameraMove& move);
+
 // PoseHold changes the steps of PoseFit::descend(): `ridge` and `prior` limit them, and `stretch` lengthens
 // them. With the default values, nothing is changed.
 struct PoseHold {
@@ -71,6 +75,8 @@ class PoseFit {
   // Returns the matrix J^T J and the right side -J^T r for the residuals r, where J is the derivative of r
   // with respect to the first `moves` numbers of a CameraMove (6 or 10).
   NormalEquations linearise(const Camera& camera, std::size_t moves);
+  // Returns the sum of the squared residuals.
+  double squares(const Camera& camera);
   // Compares this camera with cameras that are moved so that the reduced image is shifted by up to three
   // pixels. Returns the camera whose render is most similar to the photograph.
   Camera search(const Camera& camera);
@@ -78,7 +84,6 @@ class PoseFit {
   Camera descend(Camera camera, int steps, const PoseHold& hold = {});
 
  private:
-  double squares(const Camera& camera);
   // Renders every part from every camera of the first part.
   void draw(std::span<const Camera> cameras);
   // Calls visit(renders, i, truth) for each value of the photograph that is not masked. `truth` is the value,
