@@ -31,6 +31,7 @@
 #include "tools/common/number_check.hpp"
 #include "tools/common/output.hpp"
 #include "tools/common/output_files.hpp"
+#include "tools/common/path_options.hpp"
 #include "tools/convert_loss.hpp"
 
 namespace ubs::tools {
@@ -63,7 +64,7 @@ struct ConvertOptions {
   bool fit_requested() const { return distill != "auto" && fit_seconds() > 0; }
   double fit_seconds() const {
     if (distill == "auto") return kFitSeconds;
-    return distill == "0" ? 0 : time_budget_seconds(distill);
+    return distill == "0" ? 0 : time_budget_seconds(distill, "--distill");
   }
 };
 
@@ -323,6 +324,7 @@ Json export_gaussians(const ConvertOptions& options, const SplatFormat& format, 
   const MixedModel& model = loaded.model;
   if (!model.has_time() && (options.series > 0 || options.time_option->count() > 0))
     fail(ErrorKind::usage, "{}: --time and --series require a model that depends on time", options.from);
+  warn_of_other_times(fmt::format("{}", options.time), {&options.time, 1});
   ReduceOptions reduce = reduction(options, loaded, settings);
   const int moments = std::max(1, options.series);
   std::vector<std::string> remarks = loaded.remarks;
@@ -466,6 +468,8 @@ std::vector<fs::path> files_of(const ConvertOptions& options, const SplatFormat&
 
 int run(ConvertOptions& options) {
   files_before_output();
+  if (!std::isfinite(options.time))
+    fail(ErrorKind::usage, "--time {}: must be a finite number", options.time);
   // fit_seconds() throws for an invalid time.
   if (options.fit_seconds() == 0 && options.degree_option->count() > 0) refuse_degree();
   if (options.fit_requested()) choose_device(list_devices(), options.device);

@@ -9,6 +9,7 @@
 #include "host/api/open_data.hpp"
 #include "host/base/error.hpp"
 #include "host/base/paths.hpp"
+#include "host/base/text.hpp"
 #include "host/data/packed.hpp"
 #include "host/data/splat_file.hpp"
 #include "host/data/view_names.hpp"
@@ -20,6 +21,7 @@
 #include "tools/commands.hpp"
 #include "tools/common/model_options.hpp"
 #include "tools/common/output.hpp"
+#include "tools/common/run_folder.hpp"
 #include "tools/train_start.hpp"
 
 namespace ubs::tools {
@@ -276,6 +278,10 @@ int run(InfoOptions& options) {
   if (!is_packed(options.model)) check_file(options.model);
   const std::filesystem::path model =
       is_packed(options.model) ? std::filesystem::path() : find_splat_model(options.model);
+  if (model.empty() && path_exists(RunFolder(options.model).checkpoint()))
+    fail(ErrorKind::data,
+         "{}: no model.ply in this folder; the run is not finished: continue it with 'ubs train --resume {}'",
+         options.model, shell_word(options.model));
   if (model.empty()) return run_data(options);
   options.settings.limit({""}, fmt::format("only applies to data, but {} is a model", options.model));
   const Json info = describe_model(model.string());

@@ -68,9 +68,11 @@ std::string file_name(const RenderOptions& options, const std::string& channel, 
 // end.
 std::unique_ptr<FolderLock> take_outputs(const RenderOptions& options, const Split& split) {
   Paths names;
+  std::set<std::string> seen;  // --views may list a view several times
   for (const View& view : split.views)
-    for (const std::string& channel : options.channels)
-      names.push_back(file_name(options, channel, view.name));
+    if (seen.insert(view.name).second)
+      for (const std::string& channel : options.channels)
+        names.push_back(file_name(options, channel, view.name));
   auto held = take_folder(options.out, names, {options.data}, options.overwrite);
   // The video may be in the output folder, so it is checked after take_folder() has created this folder.
   check_output_files({options.video}, {options.model, options.data}, options.overwrite);
@@ -124,8 +126,7 @@ Split wanted_views(const RenderOptions& options, const LoadedModel& model, const
     for (View& view : split.views) view.camera.time = *time;
   }
   Split wanted{.name = split.name};
-  for (const std::size_t i : chosen_views(options.views, split))
-    wanted.views.push_back(std::move(split.views[i]));
+  for (const std::size_t i : chosen_views(options.views, split)) wanted.views.push_back(split.views[i]);
   return wanted;
 }
 
@@ -231,7 +232,7 @@ class Outputs {
   }
 
   void add(const View& view, const RenderedView& drawn) {
-    if (!options_.out.empty())
+    if (!options_.out.empty() && saved_.insert(view.name).second)
       for (const std::string& channel : channels_) save_channel(options_, channel, view.name, drawn);
     if (!video_) return;
     const std::string& name = *channels_.begin();
@@ -244,7 +245,7 @@ class Outputs {
 
   void finish(const Split& split) {
     const std::size_t n = split.views.size();
-    if (!options_.out.empty()) say("{} views of '{}' in {}\n", n, split.name, options_.out);
+    if (!options_.out.empty()) say("{} views of '{}' in {}\n", saved_.size(), split.name, options_.out);
     if (!video_) return;
     video_->commit();
     const Camera& camera = split.views.front().camera;
@@ -255,6 +256,7 @@ class Outputs {
  private:
   const RenderOptions& options_;
   std::set<std::string> channels_;
+  std::set<std::string> saved_;  // names of the views whose images are written
   std::unique_ptr<VideoWriter> video_;
   DepthRange range_;
 };

@@ -41,7 +41,9 @@ NewSettings resolve_new(const SettingsOptions& given, const std::string& budget)
   NewSettings run{.settings = resolved({}), .fast = {}};
   const bool unsaid = run.settings.iterations == kUnsaid;
   if (asked && !unsaid)
-    fail(ErrorKind::usage, "--budget chooses the number of iterations: remove --budget or --iterations");
+    fail(ErrorKind::usage,
+         "--budget chooses the number of iterations: remove --budget or --iterations (in a file of settings, "
+         "the line 'iterations')");
   if (!unsaid) return run;
   run.settings.iterations = TrainSettings{}.iterations;
   run.fast = resolved(fast_settings());

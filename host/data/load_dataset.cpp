@@ -477,7 +477,8 @@ std::string detect_layout(const fs::path& path) {
          what.empty() ? ": pass a data folder, a transforms file (.json) or a packed data set (.ubsd)"
                       : ", but " + what);
   }
-  if (path_exists(path / "model.ply") && path_exists(path / "config.yaml"))
+  // A run that was killed has no model.ply.
+  if (path_exists(path / "config.yaml") && (path_exists(path / "model.ply") || path_exists(path / "log.csv")))
     fail(ErrorKind::data,
          "{}: this is the output folder of a training, not a data set: pass the folder of its data",
          path.string());

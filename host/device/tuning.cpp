@@ -78,9 +78,10 @@ namespace {
 TuningValues stored_tuning(const DeviceInfo& device, TunedTable table) {
   TuningValues values;
   const fs::path file = tuning_file(device);
-  if (file.empty() || !path_exists(file)) return values;
+  if (file.empty()) return values;
   Json json;
   try {
+    if (!path_exists(file)) return values;
     json = parse_own_json(read_text_file(file), file.string());
   } catch (const Error& failure) {
     warn_once(fmt::format("ignoring the tuning file: {}", failure.what()));

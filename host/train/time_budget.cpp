@@ -45,7 +45,7 @@ double rounded_share(double share) { return std::stod(fmt::format("{:.6f}", shar
 
 }  // namespace
 
-double time_budget_seconds(const std::string& text) {
+double time_budget_seconds(const std::string& text, std::string_view name) {
   const char *at = text.data(), *const end = at + text.size();
   double seconds = 0;
   bool valid = at != end;
@@ -60,7 +60,7 @@ double time_budget_seconds(const std::string& text) {
     seconds += value * factor;
   }
   if (!valid || seconds > 1e7)
-    fail(ErrorKind::usage, "budget '{}' must be a time such as 90s, 10m, 1.5h or 1h 30min", text);
+    fail(ErrorKind::usage, "{} '{}' must be a time such as 90s, 10m, 1.5h or 1h 30min", name, text);
   return seconds;
 }
 

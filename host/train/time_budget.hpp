@@ -18,7 +18,7 @@ namespace ubs {
 
 // Converts a text such as "90", "90s", "10m", "2 min", "1.5h" or "1h30m" into seconds. Throws Error(usage) if
 // the text is not a positive time, or if the time exceeds 1e7 seconds.
-double time_budget_seconds(const std::string& text);
+double time_budget_seconds(const std::string& text, std::string_view name = "budget");
 
 // StepCost holds the times of a training with images that are reduced by `factor`. A step takes fixed_ms plus
 // each_ms for every splat, but at least a tenth of fixed_ms. If cameras are refined, a sweep over all cameras

@@ -128,6 +128,8 @@ TEST_CASE("a run stores its data folder and the settings for reading it") {
                                  "the settings of the run"));
   put_scene(folder / "sets/data", 64, 5, 2);
   check_error(folder, "eval sets/run", 3, "other cameras, names or images");
+  put(folder / "sets/run/metrics.json", "{}");
+  check_error(folder, "eval sets/run", 3, "metrics.json: does not name the data folder of the run");
 }
 
 // The table contains each command that `ubs` or `ubs-lab` lists and whose help mentions a model or a run,

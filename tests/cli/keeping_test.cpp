@@ -182,6 +182,9 @@ TEST_CASE("cli: a run with a time budget records settings that reproduce it") {
   check_error(folder, "train bad --out x --cap-max none", 2, "cap_max");
   check_error(folder, "train --data data --out x --budget 9s --iterations 100", 2,
               "remove --budget or --iterations");
+  put(folder / "published.yaml", "iterations: 100\n");
+  check_error(folder, "train --data data --out x --budget 9s --spec published.yaml", 2,
+              "in a file of settings, the line 'iterations'");
   check_error(folder, "train --resume own --budget 9s", 2, "--budget +9s");
   check_error(folder, "train --resume own --budget +soon", 2, "90s");
   // The interrupted run `own` is completed with a budget of one more second. Its settings then contain the

@@ -92,6 +92,12 @@ TEST_CASE("outputs: a run replaces files that have the names of its results only
   const auto before = contents(other.path());
   check_error(other, train("run", "--overwrite"), 3, "log.csv: this is a symbolic link");
   CHECK(contents(other.path()) == before);
+  fs::create_directory(other / "linked");
+  fs::create_directory_symlink("../run/renders", other / "linked/renders");
+  check_error(other, train("linked", "--overwrite"), 3, "linked/renders: this is a symbolic link");
+  put(other / "blocked/renders", "precious");
+  check_error(other, train("blocked", "--overwrite"), 3, "blocked/renders: this is not a folder");
+  CHECK_FALSE(fs::exists(other / "blocked/config.yaml"));
 }
 
 TEST_CASE("outputs: renders of an earlier run are removed if its metrics list them") {
@@ -329,6 +335,12 @@ TEST_CASE("outputs: commands that write to a folder replace existing results onl
   CHECK(get(folder / "images/r_000.png") != "old");
   CHECK(get(folder / "images/mine.png") == "precious");
   check_refused(folder, "render run/model.ply --data data --out run/renders", "r_000.png: already exists");
+  // A view that is listed twice is written once, and a video shows it twice.
+  const Result twice = ubs_ok(folder, "render run data --views 0,0 --out twice --video twice.avi");
+  CHECK(twice.out.find("1 views of 'test'") != std::string::npos);
+  CHECK(twice.out.find("2 frames") != std::string::npos);
+  CHECK(get(folder / "twice/r_000.png") == get(folder / "images/r_000.png"));
+  CHECK_FALSE(fs::exists(folder / "twice/.png"));
 }
 
 TEST_CASE("outputs: two processes do not write into one folder") {

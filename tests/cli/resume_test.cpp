@@ -250,6 +250,11 @@ TEST_CASE("cli: a run that cannot be resumed is reported in one line") {
   damaged[bytes.size() - 1000] ^= 1;
   put(folder / "run/checkpoint.ubs", damaged);
   check_error(folder, "train --resume run", 3, "CRC-32");
+  fs::remove(folder / "run/checkpoint.ubs");
+  check_error(folder, "train --resume run", 3, "was interrupted, but its checkpoint.ubs is missing");
+  put(folder / "killed/checkpoint.ubs", bytes);
+  check_error(folder, "info killed", 3,
+              "the run is not finished: continue it with 'ubs train --resume killed'");
   put(folder / "run/checkpoint.ubs", bytes);
   CHECK(run_ubs(folder, "train --resume run --quiet --save-renders 1").code == 0);
 }

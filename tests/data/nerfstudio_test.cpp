@@ -329,6 +329,7 @@ TEST_CASE("dataset: if the data are in another folder, the error names it", "[da
   CHECK_THAT(refusal({"sparse/0/cameras.bin.gz", "images/a.png", "images/b.png"}), Contains("gunzip /"));
   CHECK_THAT(refusal({"model.ply", "config.yaml", "metrics.json"}),
              Contains("the output folder of a training"));
+  CHECK_THAT(refusal({"config.yaml", "log.csv"}), Contains("the output folder of a training"));
   CHECK_THAT(refusal({"a.png", "b.png"}), Contains("2 images but no cameras"));
 }
 

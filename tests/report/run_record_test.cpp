@@ -100,7 +100,11 @@ TEST_CASE("run record: incomplete folders of runs are read, and other folders ar
   CHECK(old.log.is_null());
 
   put(folder / "old" / "metrics.json", "{\"splats\": 1");
-  CHECK_THAT(message_of([&] { read_run(folder / "old"); }), Contains("metrics.json: malformed JSON"));
+  CHECK_THAT(message_of([&] { read_run(folder / "old"); }),
+             Contains("metrics.json: malformed JSON") && Contains("to do without this file, delete it"));
+  put(folder / "old" / "metrics.json", "[]");
+  CHECK_THAT(message_of([&] { read_run(folder / "old"); }),
+             Contains("metrics.json: must contain a JSON object"));
 }
 
 TEST_CASE("splat values are activated according to the variant of the model", "[report]") {

@@ -129,6 +129,10 @@ TEST_CASE("damaged tuning files, and those for other devices, are ignored") {
   }
   put(tuning_file(kDevice), "[]");
   CHECK(load_tuning(kDevice, tuned_constants()).empty());
+  // This folder cannot be accessed, even by the user root.
+  std::filesystem::create_symlink("loop", folder.folder / "loop");
+  const Variable loop("UBS_TUNING_DIR", (folder.folder / "loop").c_str());
+  CHECK(load_tuning(kDevice, tuned_constants()).empty());
 }
 
 TEST_CASE("opening a device loads its tuning file, and its kernels are built with the values") {

@@ -119,6 +119,10 @@ RunData use_run_data(const std::string& model, std::string& data) {
     return result;
   }
   const std::string named = run.text({"data"});
+  if (named.empty())
+    fail(ErrorKind::data,
+         "{}: does not name the data folder of the run: pass the data folder after the model",
+         RunFolder(folder).metrics().string());
   std::string why = "does not exist";
   for (const std::filesystem::path& place : data_places(named, folder)) {
     if (!path_exists(place)) continue;

@@ -189,6 +189,14 @@ std::unique_ptr<CameraPath> PathOptions::path(const LoadedModel& model, std::spa
   return keyframe_path(std::move(file.poses), file.closed, file.has_time);
 }
 
+void warn_of_other_times(const std::string& text, std::span<const double> times) {
+  if (std::ranges::all_of(times, [](double time) { return time >= 0 && time <= 1; })) return;
+  warn(
+      "--time {}: the model was trained on times from 0 to 1, so the data do not determine its images at "
+      "other times",
+      text);
+}
+
 // Returns the first and the last time, or a single time; empty if the model does not depend on time.
 std::vector<double> PathOptions::time_range(const MixedModel& model) const {
   if (!model.has_time()) {
@@ -197,11 +205,7 @@ std::vector<double> PathOptions::time_range(const MixedModel& model) const {
   }
   const std::vector<double> range = time_.empty() ? std::vector{0.0, 1.0} : numbers<double>(time_, ':');
   if (range.empty() || range.size() > 2) fail(ErrorKind::usage, "--time {}: expected T or T0:T1", time_);
-  if (std::ranges::any_of(range, [](double time) { return time < 0 || time > 1; }))
-    warn(
-        "--time {}: the model was trained on times from 0 to 1, so the data do not determine its images at "
-        "other times",
-        time_);
+  warn_of_other_times(time_, range);
   return range;
 }
 

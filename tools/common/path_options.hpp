@@ -5,6 +5,7 @@
 
 #include <CLI/CLI.hpp>
 #include <optional>
+#include <span>
 #include <string>
 
 #include "host/api/camera_path.hpp"
@@ -24,6 +25,9 @@ inline constexpr const char* kUpHelp =
     "otherwise, with a floor, the direction away from it; otherwise z (-y for third-party files)]";
 // Returns the hints for scene_frame() that the model file contains: the up direction, if it states one.
 FrameHints frame_hints(const LoadedModel& model);
+
+// Warns if one of the times, which the user chose with --time, is outside of the range of training.
+void warn_of_other_times(const std::string& text, std::span<const double> times);
 
 class PathOptions {
  public:

@@ -81,6 +81,15 @@ void RunFolder::check_files(bool overwrite) const {
     fail(ErrorKind::usage,
          "{} already exists: continue that run with --resume {}, or pass --overwrite to replace it",
          checkpoint().string(), shell_word(folder_.string()));
+  for (const fs::path& folder : {renders(), cameras()}) {
+    std::error_code ignored;  // is_folder() reports the error
+    const bool link = fs::is_symlink(folder, ignored);
+    if (link || (path_exists(folder) && !is_folder(folder)))
+      fail(ErrorKind::data,
+           "{}: this is {}, but results are written to a folder of this name: rename it, or choose another "
+           "output folder",
+           folder.string(), link ? "a symbolic link" : "not a folder");
+  }
   check_free(files(), overwrite);
 }
 

@@ -33,7 +33,7 @@ class RunFolder {
 
   // These checks are made before anything is written. They throw Error(usage) if a file that the run would
   // write exists and `overwrite` is false, or if images of the views are in the folder; they throw
-  // Error(data) if such a file is not an ordinary file.
+  // Error(data) if such a file is not an ordinary file, or if such a folder is a file or a link.
   void check_files(bool overwrite) const;
   void check_renders(const Split& split, int count, bool overwrite) const;
   void check_apart_from(const Split& views) const;

@@ -2,6 +2,8 @@
 #include "tools/common/run_keeper.hpp"
 
 #include "host/base/error.hpp"
+#include "host/base/file.hpp"
+#include "host/base/json.hpp"
 #include "host/base/paths.hpp"
 #include "tools/common/job.hpp"
 #include "tools/common/output.hpp"
@@ -9,6 +11,21 @@
 namespace ubs::tools {
 
 namespace fs = std::filesystem;
+
+namespace {
+
+// Returns whether the metrics.json of a run says that the run was interrupted.
+bool was_interrupted(const RunFolder& run) {
+  try {
+    return path_exists(run.metrics()) &&
+           parse_own_json(read_text_file(run.metrics()), run.metrics().string()).at("interrupted") == true;
+  } catch (const Error&) {            // the file cannot be read
+  } catch (const Json::exception&) {  // the file does not say it
+  }
+  return false;
+}
+
+}  // namespace
 
 Checkpoint open_checkpoint(const fs::path& folder, bool more_time) {
   const RunFolder run(folder);
@@ -22,6 +39,11 @@ Checkpoint open_checkpoint(const fs::path& folder, bool more_time) {
            folder.string());
     return checkpoint;
   }
+  if (was_interrupted(run))
+    fail(ErrorKind::data,
+         "{}: this run was interrupted, but its checkpoint.ubs is missing, so it cannot be continued: copy "
+         "this file back, or start a new run",
+         folder.string());
   if (path_exists(run.model()))
     fail(ErrorKind::usage,
          "{}: this run is finished, and it has no continue.ubs from which it could be continued: start a new "

@@ -107,8 +107,11 @@ void read_metrics(RunRecord& run) {
   }
   try {
     run.metrics = parse_own_json(read_text_file(path), path.string());
+    if (!run.metrics.is_object()) fail(ErrorKind::data, "{}: must contain a JSON object", path.string());
   } catch (const Error& error) {
-    fail(ErrorKind::data, "{}; delete the file to create the report without it", error.what());
+    fail(ErrorKind::data,
+         "{}; to do without this file, delete it, and pass the data folder to commands that need the data",
+         error.what());
   }
 }
 
