@@ -457,7 +457,7 @@ int run(const TrainOptions& options) {
       json["budget_seconds"] = budget_seconds > 0 ? Json(budget_seconds) : Json();
       folder.save_metrics(json);
     }
-    folder.save_cameras(trainer, train_split, test_split, data.offset, settings.unit, !outcome.interrupted);
+    folder.save_cameras(trainer, train_split, test_split, data, settings.unit, !outcome.interrupted);
     if (!outcome.interrupted) renders = folder.save_renders(trainer, test_split, settings.save_renders);
   };
   if (outcome.interrupted)

@@ -164,8 +164,10 @@ Start start_of(const StartOptions& options, const SettingsOptions& given, bool h
     checkpoint.budget.seconds = checkpoint.state.seconds + *more_seconds;
     if (checkpoint.is_finished()) checkpoint.budget.most_iterations += checkpoint.state.iteration;
   }
-  // The checkpoint has fixed all settings.
-  for (const Field<TrainSettings>& field : train_fields()) settings.chosen.insert(field.key);
+  // The checkpoint has fixed all settings. Those of reading do not count as set by the user, because the run
+  // may be resumed with a packed copy of its data (open_data.cpp).
+  for (const Field<TrainSettings>& field : train_fields())
+    if (!(field.uses & kOfReading)) settings.chosen.insert(field.key);
   return {{.settings = settings, .fast = {}},
           options.data.empty() ? checkpoint.data : options.data,
           options.resume,

@@ -4,6 +4,7 @@
 #include "host/api/run_cameras.hpp"
 #include "host/base/error.hpp"
 #include "host/base/warning.hpp"
+#include "host/data/packed.hpp"
 
 namespace ubs {
 
@@ -13,10 +14,24 @@ DatasetOptions reading_options(const TrainSettings& settings) {
   return {.read = settings, .background = settings.background.colour};
 }
 
+// Refuses settings that the user has set for a packed file, but that only other data use. The same settings
+// are ignored if a run states them, because they may be settings for the folder that was packed.
+void refuse_for_packed(const std::filesystem::path& file, const TrainSettings& settings) {
+  if (!is_packed(file)) return;
+  DatasetOptions own = reading_options(settings);
+  const ReadSettings usual;
+  if (!settings.chosen.contains("images")) own.read.images = usual.images;
+  if (!settings.chosen.contains("colmap_model")) own.read.colmap_model = usual.colmap_model;
+  if (!settings.chosen.contains("test_every")) own.read.test_every = usual.test_every;
+  if (!settings.chosen.contains("frames")) own.read.frames = usual.frames;
+  refuse_unused(own, "packed", "");
+}
+
 }  // namespace
 
 Dataset open_dataset(const std::filesystem::path& folder, const std::vector<std::string>& image_splits,
                      const TrainSettings& settings, Images images) {
+  refuse_for_packed(folder, settings);
   DatasetOptions options = reading_options(settings);
   options.load_images = images == Images::load;
   options.image_splits = image_splits;
@@ -24,6 +39,7 @@ Dataset open_dataset(const std::filesystem::path& folder, const std::vector<std:
 }
 
 OpenedData open_undecoded(const std::filesystem::path& folder, const TrainSettings& settings) {
+  refuse_for_packed(folder, settings);
   const DatasetOptions reading = reading_options(settings);
   return {folder, reading, open_undecoded(folder, reading)};
 }

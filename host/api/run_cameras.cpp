@@ -2,6 +2,7 @@
 #include "host/api/run_cameras.hpp"
 
 #include <map>
+#include <set>
 
 #include "host/base/file.hpp"
 #include "host/base/json.hpp"
@@ -13,8 +14,15 @@
 namespace ubs {
 namespace {
 
-std::string file_in_split(const std::string& split, const std::string& view) {
-  return fmt::format("{}/{}.png", split, view);
+std::string view_in_split(const std::string& split, const std::string& view) {
+  return fmt::format("{}/{}", split, view);
+}
+
+// Returns the path of the view's image file relative to `folder`. The path is empty if there is no image file
+// that fits the camera of the view.
+std::string image_in_folder(const View& view, const std::filesystem::path& folder) {
+  if (view.file.empty() || view.resampled) return {};
+  return absolute_path(view.file).lexically_normal().lexically_relative(folder).string();
 }
 
 Json number_row(const Camera& c, const Vec3& centre, std::size_t row) {
@@ -22,10 +30,12 @@ Json number_row(const Camera& c, const Vec3& centre, std::size_t row) {
   return {c.rotation[row], -c.rotation[3 + row], -c.rotation[6 + row], centre[row]};
 }
 
-Json frame_of(const std::string& file, const FittedCamera& fitted, const Vec3& offset) {
+Json frame_of(const std::string& file, const std::string& view, const FittedCamera& fitted,
+              const Vec3& offset) {
   const Camera& c = fitted.camera;
   const Vec3 centre = c.centre() + offset;
   return {{"file_path", file},
+          {"view", view},
           {"transform_matrix",
            {number_row(c, centre, 0), number_row(c, centre, 1), number_row(c, centre, 2), {0, 0, 0, 1}}},
           {"fl_x", c.fx},
@@ -50,7 +60,9 @@ std::map<std::string, Camera> cameras_in(const std::filesystem::path& folder, co
     c.translation = -1.0 * rotated(c.rotation, c.centre() - offset);
     c.fx = frame.number("fl_x"), c.fy = frame.number("fl_y");
     c.cx = frame.number("cx"), c.cy = frame.number("cy");
-    found.emplace(decode_text(frame.text("file_path")), c);
+    // Files of earlier versions have no member "view", and "file_path" is SPLIT/VIEW.png.
+    std::filesystem::path file = decode_text(frame.text("file_path"));
+    found.emplace(frame.has("view") ? decode_text(frame.text("view")) : file.replace_extension().string(), c);
   }
   return found;
 }
@@ -58,8 +70,11 @@ std::map<std::string, Camera> cameras_in(const std::filesystem::path& folder, co
 }  // namespace
 
 void write_run_cameras(const std::filesystem::path& folder, std::span<const RunCameras> splits,
-                       const std::array<double, 3>& offset) {
+                       const std::array<double, 3>& offset, const std::filesystem::path& data) {
   make_folders(folder);
+  const std::filesystem::path data_folder =
+      absolute_path(is_folder(data) ? data : folder_of(data)).lexically_normal();
+  std::set<std::string> named;
   Json json{{"camera_model", "PINHOLE"}, {"frames", Json::array()}};
   std::string cameras = "# CAMERA_ID MODEL WIDTH HEIGHT FX FY CX CY\n";
   std::string images = "# IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME, and an empty line\n";
@@ -67,8 +82,11 @@ void write_run_cameras(const std::filesystem::path& folder, std::span<const RunC
   for (const RunCameras& part : splits) {
     Json& names = json[part.split.name + "_filenames"] = Json::array();
     for (std::size_t i = 0; i < part.cameras.size(); ++i) {
-      const std::string file = file_in_split(part.split.name, part.split.views[i].name);
-      Json frame = frame_of(file, part.cameras[i], offset);
+      const std::string view = view_in_split(part.split.name, part.split.views[i].name);
+      std::string file = image_in_folder(part.split.views[i], data_folder);
+      // If a training view and a test view have the same image, only the first one gets its name.
+      if (file.empty() || !named.insert(file).second) file = view + ".png";
+      Json frame = frame_of(file, view, part.cameras[i], offset);
       const Camera& c = part.cameras[i].camera;
       const Quaternion q = quaternion(c.rotation);
       const Vec3 t = c.translation - rotated(c.rotation, offset);
@@ -89,7 +107,7 @@ void write_run_cameras(const std::filesystem::path& folder, std::span<const RunC
 void use_run_cameras(const std::filesystem::path& folder, Split& split, const std::array<double, 3>& offset) {
   const auto found = cameras_in(folder, offset);
   for (View& view : split.views) {
-    const auto at = found.find(file_in_split(split.name, view.name));
+    const auto at = found.find(view_in_split(split.name, view.name));
     if (at == found.end()) continue;
     take_lens(view.camera, at->second);
     if (split.name != "train") continue;
@@ -103,7 +121,7 @@ std::vector<Camera> run_cameras(const std::filesystem::path& folder, const Split
   const auto found = cameras_in(folder, offset);
   std::vector<Camera> cameras = cameras_of(split);
   for (std::size_t i = 0; i < cameras.size(); ++i) {
-    const auto at = found.find(file_in_split(split.name, split.views[i].name));
+    const auto at = found.find(view_in_split(split.name, split.views[i].name));
     if (at == found.end()) return {};
     take_lens(cameras[i], at->second);
     cameras[i].rotation = at->second.rotation;

@@ -281,8 +281,8 @@ struct Layout {
   // Options that the loader uses. open_undecoded() refuses the other options that refuse_unused() checks,
   // unless refuses_itself is true.
   std::string_view used;
-  // True if the loader calls refuse_unused() itself, and for packed files, for which all options are
-  // accepted.
+  // True if the loader calls refuse_unused() itself, and for packed files: the settings of a run are also
+  // used with a packed copy of its data. For these files, open_data.cpp refuses options that the user set.
   bool refuses_itself = false;
 
   std::string description() const {
@@ -510,6 +510,9 @@ std::string camera_files_in(const fs::path& folder) {
 Dataset open_undecoded(const fs::path& path, const DatasetOptions& options) {
   const Layout& layout =
       layout_named(options.read.layout == "auto" ? detect_layout(path) : options.read.layout);
+  if (layout.name != "packed" && is_packed(path))
+    fail(ErrorKind::usage, "{}: this is a packed data set, so the layout cannot be {}: remove --layout",
+         path.string(), layout.name);
   if (!layout.refuses_itself) refuse_unused(options, layout.name, layout.used);
   LoadedScene scene = layout.load(path, options);
 

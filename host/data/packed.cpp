@@ -399,6 +399,11 @@ LoadedScene load_packed(const std::filesystem::path& path, const DatasetOptions&
     fail(ErrorKind::data, "{}: the images were packed with --downscale {}, not {}: pack the data again",
          path.string(), file->downscale(), options.read.downscale);
   LoadedScene scene;
+  if (options.read.downscale != 1)
+    scene.report.note(
+        fmt::format("--downscale {} has no effect, because the images were reduced when they "
+                    "were packed",
+                    options.read.downscale));
   for (const std::string& name : file->split_names())
     scene.splits.push_back(options.load_images ? PackedFile::split_on_demand(file, name) : file->split(name));
   if (scene.splits.empty()) fail(ErrorKind::data, "{}: the file contains no views", path.string());

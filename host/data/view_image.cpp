@@ -70,7 +70,8 @@ Undistortion pinhole_plan(const Lens& lens) {
 void set_view(View& view, const Lens& stated, const Undistortion& plan, const fs::path& file,
               const fs::path& mask, const DatasetOptions& options) {
   FileImage image{file, mask, options.background, std::nullopt, 0, 0};
-  if (plan.lens.distorted()) image.undistortion = plan;
+  view.resampled = plan.lens.distorted();
+  if (view.resampled) image.undistortion = plan;
   Camera& camera = view.camera;
   camera = camera_of(plan, camera);
   camera.width = image.width = reduced(

@@ -50,9 +50,10 @@ struct View {
   Camera camera;
   Image8 image;  // empty (width 0) if there is no image, or if `source` provides it
   std::shared_ptr<const ImageSource> source;
-  bool masked = false;    // the image has a mask
-  bool opaque = false;    // the image file has no alpha, so no background was composited
-  std::string part_of{};  // name of the wide image that the view shows a part of; otherwise empty
+  bool masked = false;     // the image has a mask
+  bool opaque = false;     // the image file has no alpha, so no background was composited
+  bool resampled = false;  // the image was undistorted, so `camera` does not describe the pixels of `file`
+  std::string part_of{};   // name of the wide image that the view shows a part of; otherwise empty
   std::shared_ptr<const WideImage> wide{};  // the wide image; null if it is not available
   std::array<double, 9> turn_in_wide{1, 0, 0, 0, 1, 0, 0, 0, 1};  // wide camera -> `camera`
   // Image file; empty if there is no image, or if it is in a video or packed file.

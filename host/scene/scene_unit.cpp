@@ -87,17 +87,18 @@ TrainSettings in_unit(TrainSettings settings) {
 Split in_unit(const Split& split, double unit) {
   Split out{split.name, {}};
   for (const View& view : split.views) {
-    View& scaled = out.views.emplace_back(View{view.name,
-                                               view.camera,
-                                               {},
-                                               view.source,
-                                               view.masked,
-                                               view.opaque,
-                                               view.part_of,
-                                               view.wide,
-                                               view.turn_in_wide,
-                                               view.file,
-                                               view.background});
+    View& scaled = out.views.emplace_back();  // without the image, which is large
+    scaled.name = view.name;
+    scaled.camera = view.camera;
+    scaled.source = view.source;
+    scaled.masked = view.masked;
+    scaled.opaque = view.opaque;
+    scaled.resampled = view.resampled;
+    scaled.part_of = view.part_of;
+    scaled.wide = view.wide;
+    scaled.turn_in_wide = view.turn_in_wide;
+    scaled.file = view.file;
+    scaled.background = view.background;
     scale_lengths(scaled.camera, 1 / unit);
     if (!view.source && view.has_image()) scaled.source = std::make_shared<HeldImage>(view.image);
   }

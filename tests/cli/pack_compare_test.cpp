@@ -56,6 +56,14 @@ TEST_CASE("packed sets and comparisons reject invalid arguments", "[cli]") {
         3);
   CHECK(get(folder / "stderr.txt").find("--background 0,0,0") != std::string::npos);
   CHECK(run_ubs(folder, fmt::format("train --data set.ubsd --downscale 2 --out a {}", kShort)).code == 3);
+  const auto refused = [&](const std::string& arguments, const std::string& message) {
+    CHECK(run_ubs(folder, arguments).code == 2);
+    CHECK(get(folder / "stderr.txt").find(message) != std::string::npos);
+  };
+  for (const char* option : {"--test-every 3", "--images foo", "--colmap-model 1", "--frames 0:3"})
+    refused(fmt::format("info set.ubsd {}", option), "the layout packed does not use --");
+  refused(fmt::format("train --data set.ubsd --images foo --out a {}", kShort), "does not use --images");
+  refused("info set.ubsd --layout nerfstudio", "packed data set, so the layout cannot be nerfstudio");
   CHECK(run_ubs(folder, "pack absent --out other.ubsd").code == 3);
   CHECK_FALSE(std::filesystem::exists(folder / "other.ubsd"));
   // Names of devices may contain '@'.

@@ -205,6 +205,23 @@ TEST_CASE("a packed data set is opened like any other, and keeps its offset", "[
 
 // By default, training uses no opacity penalty for views of wide images. So a packed file must record which
 // views these are.
+TEST_CASE("a packed data set cannot be read with another layout", "[packed]") {
+  const TempFolder folder;
+  PackedData data = make_data();
+  data.background = {0, 0, 0};
+  write_packed(folder / "set.ubsd", data);
+  const auto load = [&](const ReadSettings& read) {
+    return load_dataset(folder / "set.ubsd", {.read = read});
+  };
+  CHECK_THAT(message_of([&] { load({.layout = "nerfstudio"}); }, ErrorKind::usage),
+             Catch::Contains("set.ubsd: this is a packed data set, so the layout cannot be nerfstudio"));
+  const auto notes = [&](const ReadSettings& read) {
+    return fmt::format("{}", fmt::join(load(read).report.notes, "\n"));
+  };
+  CHECK_THAT(notes({.layout = "packed"}), !Catch::Contains("downscale"));
+  CHECK_THAT(notes({.downscale = 2}), Catch::Contains("--downscale 2 has no effect"));
+}
+
 TEST_CASE("a packed file records which views are parts of wide images", "[packed]") {
   const TempFolder folder;
   PackedData data = make_data();

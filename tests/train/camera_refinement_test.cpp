@@ -14,6 +14,7 @@
 #include "host/train/camera_refiner.hpp"
 #include "tests/pipeline/training_runs.hpp"
 #include "tests/support/device_fixture.hpp"
+#include "tests/support/images.hpp"
 
 namespace ubs {
 namespace {
@@ -247,7 +248,7 @@ TEST_CASE("training refines inaccurate poses and focal lengths", "[cameras]") {
     const std::array<RunCameras, 2> splits{
         {{off.train, cameras}, {off.test, std::span(trainer.cameras().held_out())}}};
     off.test.views[1].name = "\xe9";  // names may contain bytes that are not valid UTF-8
-    write_run_cameras(folder.path(), splits, offset);
+    write_run_cameras(folder.path(), splits, offset, "data");
     Split train = off.train, test = off.test;
     use_run_cameras(folder.path(), train, offset);
     use_run_cameras(folder.path(), test, offset);
@@ -264,6 +265,55 @@ TEST_CASE("training refines inaccurate poses and focal lengths", "[cameras]") {
     test.views[0].name = "other";
     CHECK(run_cameras(folder.path(), test, offset).empty());
   }
+}
+
+TEST_CASE("the cameras of a run name the image files of the data", "[cameras]") {
+  const test::TempFolder folder;
+  const std::filesystem::path run = folder / "run";
+  Json json{{"w", 128}, {"h", 64}, {"fl_x", 100}, {"fl_y", 100}, {"cx", 64}, {"cy", 32}};
+  for (int i = 0; i < 5; ++i) {
+    const std::string name = fmt::format("photos/{}.png", i);
+    test::put_image(folder / name, 128, 64, 40 * i);
+    json["frames"].push_back(
+        {{"file_path", name},
+         {"transform_matrix", {{1, 0, 0, 0.1 * i}, {0, 1, 0, 0}, {0, 0, 1, 4}, {0, 0, 0, 1}}}});
+  }
+  const bool distorted = GENERATE(false, true);
+  if (distorted) json["k1"] = 0.05;
+  test::put(folder / "transforms.json", json.dump());
+  const Dataset data = load_dataset(folder.path(), {.read = {.test_every = 3}});
+  std::vector<FittedCamera> refined, held_out;
+  for (const Camera& camera : cameras_of(*data.find("train"))) refined.push_back({camera, {}});
+  for (const Camera& camera : cameras_of(*data.find("test"))) held_out.push_back({camera, {}});
+  refined[1].camera.fx = 90;
+  const std::array<RunCameras, 2> splits{{{*data.find("train"), refined}, {*data.find("test"), held_out}}};
+  write_run_cameras(run, splits, data.offset,
+                    GENERATE(false, true) ? folder.path() : folder / "transforms.json");
+  const auto is_used = [&] {
+    Split split = *data.find("train");
+    use_run_cameras(run, split, data.offset);
+    return split.views[1].camera.fx == 90;
+  };
+  CHECK(is_used());
+  // The pinhole cameras of undistorted images do not fit the image files of the data.
+  for (const ColmapImage& image : read_colmap_model(run).images)
+    CHECK(image.name.starts_with("photos/") == !distorted);
+  CHECK(load_dataset(run, {.load_images = false}).find("train")->views.size() == 3);
+  Json written = Json::parse(test::get(run / "transforms.json"));
+  if (!distorted) {
+    test::put(folder / "transforms.json", written.dump());
+    const Dataset again = load_dataset(folder.path());
+    CHECK(again.find("train")->views.size() == 3);
+    CHECK(again.find("train")->views[1].camera.fx == 90);
+    CHECK(again.find("test")->views.size() == 2);
+  }
+  // Earlier versions wrote no member "view".
+  for (Json& frame : written["frames"]) {
+    frame["file_path"] = frame["view"].get<std::string>() + ".png";
+    frame.erase("view");
+  }
+  test::put(run / "transforms.json", written.dump());
+  CHECK(is_used());
 }
 
 }  // namespace

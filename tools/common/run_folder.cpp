@@ -239,8 +239,8 @@ void RunFolder::save_metrics(const Json& json) {
   if (writes_) write_file_atomically(metrics(), json_file_text(json));
 }
 
-void RunFolder::save_cameras(Trainer& trainer, const Split& train, const Split& test,
-                             const std::array<double, 3>& offset, double unit, bool finished) {
+void RunFolder::save_cameras(Trainer& trainer, const Split& train, const Split& test, const Dataset& data,
+                             double unit, bool finished) {
   if (!trainer.cameras().refines() || !writes_) return;
   std::vector<FittedCamera> refined, held_out;
   if (finished) {
@@ -255,7 +255,7 @@ void RunFolder::save_cameras(Trainer& trainer, const Split& train, const Split& 
       fitted.deviation.centre *= unit;
     }
   const std::array<RunCameras, 2> splits{{{train, refined}, {test, held_out}}};
-  write_run_cameras(cameras(), splits, offset);
+  write_run_cameras(cameras(), splits, data.offset, data.report.folder);
 }
 
 void RunFolder::remove_checkpoint() {
