@@ -306,6 +306,13 @@ TEST_CASE("the cameras of a run name the image files of the data", "[cameras]") 
     CHECK(again.find("train")->views.size() == 3);
     CHECK(again.find("train")->views[1].camera.fx == 90);
     CHECK(again.find("test")->views.size() == 2);
+    std::filesystem::create_directories(folder / "images");  // a folder without the images has no effect
+    for (const char* file : {"cameras.txt", "images.txt", "points3D.txt"})
+      test::put(folder / "sparse/0" / file, test::get(run / file));
+    const Dataset colmap = load_dataset(folder.path(), {.read = {.layout = "colmap"}});
+    CHECK(colmap.find("train")->views.size() + colmap.find("test")->views.size() == 5);
+    CHECK(fmt::format("{}", fmt::join(colmap.report.notes, " ")).find("different names") ==
+          std::string::npos);
   }
   // Earlier versions wrote no member "view".
   for (Json& frame : written["frames"]) {
