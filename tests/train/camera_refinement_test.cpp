@@ -197,6 +197,41 @@ TEST_CASE("fit_camera() finds one common pose for all views of a wide image", "[
   }
 }
 
+TEST_CASE("a lens is refined with a known model, and stays near the given one with an unknown model",
+          "[cameras]") {
+  const test::Data data = test::synthetic("glossy", 48, 12);
+  const Camera right = data.train.views[0].camera;
+  Split wrong = data.train;
+  for (View& view : wrong.views) view.camera.fx *= 1.04, view.camera.cx += 1;
+  for (const auto& device : test::devices_under_test()) {
+    // Returns the lens after five sweeps that start with the wrong lens and this model.
+    const auto refined = [&](const SplatModel& splats) {
+      const auto stages =
+          make_stages(*device, {.dim = 3, .raster = rasters_of(*device)[0], .variant = splats.variant});
+      Renderer renderer(*device, *stages);
+      const DeviceModel model(*device, splats);
+      const RenderGroup group{stages.get(), model.view()};
+      const Drawing drawing{renderer, std::span(&group, 1), {}};
+      CameraRefiner refiner(wrong, splats, RefineCameras::pose_and_intrinsics);
+      for (int i = 0; i < 5; ++i) refiner.sweep(drawing, 1, 0.5 + 0.1 * i);
+      return refiner.cameras()[0];
+    };
+    TrainSettings settings = test::short_run(3, 800, 1500);
+    const SplatModel start = initialise_random(3, 1500, settings.seed, {.variant = settings.variant});
+    Trainer trainer(*device, settings, data.train, data.test, start);
+    trainer.run([](const StepReport&) { return true; });
+    const Camera known = refined(trainer.model());
+    INFO(device->info().name << ": " << known.fx << " and " << known.cx << " instead of " << right.fx
+                             << " and " << right.cx);
+    CHECK(std::abs(known.fx / right.fx - 1) < 0.02);
+    CHECK(std::abs(known.cx - right.cx) < 0.5);
+    // Earlier versions took steps that increased the error, and the focal lengths grew without bound.
+    const Camera unknown = refined(start);
+    for (const double ratio : {unknown.fx / wrong.views[0].camera.fx, unknown.fy / right.fy})
+      CHECK(std::abs(std::log(ratio)) < 0.1 + 1e-9);
+  }
+}
+
 TEST_CASE("training refines inaccurate poses and focal lengths", "[cameras]") {
   const test::Data truth = test::synthetic("glossy", 64, 24);
   test::Data off = truth;
