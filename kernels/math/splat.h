@@ -112,8 +112,8 @@ UBS_FN vreal splat_query_entry(SplatRaw raw, int row, int j) {
 
 // Returns the scales of skew_nd after raising them to their lower bounds. The scale of a query column is at least
 // UBS_QUERY_SCALE_LEAST times the length of the rest of its row of (I + A) diag(s). A spatial scale is at least
-// UBS_SKEW_MOTION_RELATIVE times the length of the query columns of its row. In both rules, s are the scales before they
-// are raised.
+// UBS_SKEW_MOTION_RELATIVE times the length of the query columns of its row. In both rules, s are the scales before
+// they are raised.
 #define UBS_SKEW_LEAST(row) ((row) < 3 ? UBS_SKEW_MOTION_RELATIVE : UBS_QUERY_SCALE_LEAST)
 UBS_FN FrameVec skew_scales(SplatRaw raw, FrameVec scale) {
   FrameVec out = scale;
