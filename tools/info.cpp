@@ -269,8 +269,7 @@ void check_file(const std::filesystem::path& path) {
   if (small_extension(path) != ".ply" && small_extension(path) != ".json" && describe_file(path).empty())
     fail(ErrorKind::data,
          "{}: neither a data set nor a model: pass a data folder, a transforms file (.json), a packed data "
-         "set "
-         "(.ubsd) or a splat file ({})",
+         "set (.ubsd) or a splat file ({})",
          path.string(), splat_format_titles());
 }
 

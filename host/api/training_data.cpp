@@ -134,8 +134,7 @@ void require_pixels(const Split& train) {
   }
   fail(ErrorKind::data,
        "the masks exclude all pixels of all {} training images: in a mask, the pixels to use must be white "
-       "and "
-       "the pixels to ignore must be black",
+       "and the pixels to ignore must be black",
        train.views.size());
 }
 
@@ -305,8 +304,7 @@ Split take_train(Dataset& data, TrainSettings& settings, bool begins) {
   if (settings.test_every == 1 && (!found || found->views.empty()))
     fail(ErrorKind::usage,
          "{}: --test-every 1 makes every image a test image, so none is left for training: choose 2 or more, "
-         "or "
-         "0 for no test images",
+         "or 0 for no test images",
          data.report.folder);
   Split train = take_split(data, "train");
   if (settings.refine_cameras != RefineCameras::none && still(train)) align(data, train);

@@ -62,8 +62,8 @@ LoadedScene load_colmap(const fs::path& folder, const DatasetOptions& options) {
     scene.report.note_difference("the colours of points3D.txt are from 0 to 1, and are scaled to 0 to 255");
 
   describe_cameras(model, scene.report);
-  // Names may be relative to the data folder itself instead of its folder `images`, because `ubs cameras`
-  // does not move the photographs, and in the cameras of a run that refined them.
+  // Names may be relative to the data folder itself and not to its folder `images`. `ubs cameras` writes such
+  // names because it does not move the photographs, and so do runs that refine their cameras.
   const std::string& first = model.images.front().name;
   const bool beside = !path_exists(folder / "images" / first) && path_exists(folder / first);
   const std::string image_folder = options.read.images != "auto" ? options.read.images

@@ -370,8 +370,7 @@ void refuse_foreign_lens(const Node& node) {
   if (node.has("latlong") && node.flag("latlong"))
     fail(ErrorKind::data,
          "{}: 'latlong' of instant-ngp is not supported: if the images cover 360 by 180 degrees, replace it "
-         "by "
-         "\"camera_model\": \"EQUIRECTANGULAR\"",
+         "by \"camera_model\": \"EQUIRECTANGULAR\"",
          node.where);
   for (const char* key : {"ftheta_p0", "ftheta_p1", "ftheta_p2", "ftheta_p3", "ftheta_p4"})
     if (node.has(key))

@@ -231,8 +231,7 @@ std::string how_to_make_images(const fs::path& path) {
     if (kind == &kVideo)
       return fmt::format(
           "this is a video: extract its frames ('mkdir photos; ffmpeg -i {} -vf fps=2 photos/%04d.png'), "
-          "then "
-          "find their cameras with 'ubs cameras photos'",
+          "then find their cameras with 'ubs cameras photos'",
           shell_word(path.string()));
     return kind ? fmt::format(
                       "this is one {}, which ubs does not read: convert all photographs in its folder "
