@@ -393,7 +393,7 @@ int run(const TrainOptions& options) {
   Trainer trainer(*device, in_unit(settings), train_split, test_split, initial, ranks());
   if (device_kinds > 1) {
     run.views_by_rank = deal_by_speed(start, *device, train_split, initial);
-    trainer.shared()->deal_views(run.views_by_rank);
+    trainer.scene().shared()->deal_views(run.views_by_rank);
   }
   // From here on, files are changed, so signals are handled until the end. A signal after the last step does
   // not stop the writing of the results.
@@ -429,7 +429,7 @@ int run(const TrainOptions& options) {
   std::size_t renders = 0;
   const auto write_results = [&] {
     TrainSettings drawn = settings;
-    drawn.background = trainer.drawn_settings().background;
+    drawn.background = trainer.scene().drawn_settings().background;
     folder.write_config(settings);
     SplatModel model = trainer.model();
     scale_lengths(model, settings.unit);
@@ -437,10 +437,10 @@ int run(const TrainOptions& options) {
     measure_end(trainer, test_split, outcome);
     peak_bytes = device->peak_bytes();
     std::vector<double> differences;
-    if (device_kinds > 1) differences = trainer.shared()->picture_differences(0);
+    if (device_kinds > 1) differences = trainer.scene().shared()->picture_differences(0);
     if (options.lpips.wanted()) measure_finally(*device, lpips, trainer, outcome);
     if (!outcome.interrupted && outcome.evaluation && ranks().size() == 1)
-      outcome.train = trainer.evaluate_train(kMeasuredTrainViews);
+      outcome.train = trainer.scene().evaluate_train(kMeasuredTrainViews);
     if (ranks().first()) {
       json = run_json(start, *device, peak_bytes, budget_spent, trainer, outcome);
       json["kernel_seconds"] = build_seconds;
@@ -469,7 +469,7 @@ int run(const TrainOptions& options) {
   if (options.talkative()) {
     print_summary(start, folder, trainer, outcome, peak_bytes, renders);
     if (learnt != Background::Learnt::no)
-      say("trained  background {}{}\n", fmt::join(trainer.drawn_settings().background.colour, ","),
+      say("trained  background {}{}\n", fmt::join(trainer.scene().drawn_settings().background.colour, ","),
           learnt == Background::Learnt::sky ? " (average over all directions)" : "");
     if (live) say("live     {}\n", live->summary());
   }

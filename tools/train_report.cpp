@@ -18,7 +18,7 @@ Json minutes_json(const Trainer& trainer, double spent) {
   Json stages = Json::object();
   double known = 0;
   std::uint64_t samples = 0;
-  for (const StageTime& time : trainer.stage_times()) {
+  for (const StageTime& time : trainer.scene().stages().times()) {
     stages[std::string(time.stage)] = time.seconds / 60;
     known += time.seconds;
     if (time.stage == "raster_forward") samples = time.sampled;
@@ -87,8 +87,8 @@ void print_summary(const Start& start, const RunFolder& folder, Trainer& trainer
   if (outcome.interrupted)
     say("next     ubs train --resume {}{}\n", run,
         early ? fmt::format(" (continues after iteration {}, before the cool-down)", early->iteration)
-        : trainer.ranks().size() == 1 ? " (--budget +1m completes the schedule within a minute)"
-                                      : "");
+        : trainer.scene().ranks().size() == 1 ? " (--budget +1m completes the schedule within a minute)"
+                                              : "");
   else
     say("next     ubs report {0} (HTML report), ubs view {0} (in the browser), ubs render {0} --video "
         "flight.mp4\n",
@@ -102,8 +102,8 @@ namespace {
 Json actual_json(Trainer& trainer, std::uint64_t peak_bytes, double spent) {
   return {{"seconds", trainer.seconds()},
           {"step_ms", 1e3 * (trainer.seconds() - spent) / std::max(1, trainer.iteration())},
-          {"mean_intersections", trainer.intersections().mean()},
-          {"most_intersections", trainer.intersections().most},
+          {"mean_intersections", trainer.scene().intersections().mean()},
+          {"most_intersections", trainer.scene().intersections().most},
           {"memory_bytes", peak_bytes}};
 }
 
@@ -127,15 +127,15 @@ Json run_json(const Start& start, const Device& device, std::uint64_t peak_bytes
             {"dropped_splats", trainer.dropped()},
             {"peak_device_bytes", peak_bytes},
             {"predicted_device_bytes", trainer.memory_plan().total()},
-            {"extent", trainer.extent() * settings.unit},
+            {"extent", trainer.scene().schedule().extent() * settings.unit},
             {"device", device_json(device.info())},
             {"settings", to_json(bind_fields(settings, train_fields()))},
             {"actual", actual_json(trainer, peak_bytes, spent)},
             {"test", nullptr}};
-  if (const int ranks = trainer.ranks().size(); ranks > 1) {
+  if (const int ranks = trainer.scene().ranks().size(); ranks > 1) {
     json["ranks"] = ranks;
-    json["views_by_rank"] = trainer.shared()->deal().counts();
-    json["bytes_sent_by_first_rank"] = trainer.shared()->bytes_sent();
+    json["views_by_rank"] = trainer.scene().shared()->deal().counts();
+    json["bytes_sent_by_first_rank"] = trainer.scene().shared()->bytes_sent();
   }
   if (const auto& from = trainer.completed_from())
     json["ended_early"] = {{"iteration", from->iteration}, {"seconds", from->seconds}};

@@ -79,7 +79,7 @@ SplatModel as_first(const LoadedModel& loaded, const std::array<double, 3>& offs
 
 // Throws Error(usage) if a model has more splats than the trainer has allocated memory for.
 void check_room(const ubs_trainer& t, std::size_t splats, const std::string& what) {
-  const int room = t.trainer->drawn_settings().cap_max;
+  const int room = t.trainer->scene().drawn_settings().cap_max;
   if (splats > static_cast<std::size_t>(room))
     fail(ErrorKind::usage,
          "{} has {} splats, but the trainer has memory for {} (the larger of cap_max and the number of "
@@ -205,7 +205,7 @@ ubs_status ubs_trainer_get_model(const ubs_trainer* trainer, ubs_model** model) 
     const std::lock_guard lock(t.open->mutex);
     auto made_of = std::make_unique<ubs_model>(ubs_model{t.about});
     TrainSettings drawn = t.settings;
-    drawn.background = t.trainer->drawn_settings().background;
+    drawn.background = t.trainer->scene().drawn_settings().background;
     const std::vector<Camera> cameras = cameras_of(train_of(*t.set));
     Dataset place;
     place.offset = t.about.offset;

@@ -64,6 +64,13 @@ struct Field {
   unsigned uses = 0;              // FieldUse
 };
 
+// Returns the field with these uses (FieldUse).
+template <typename Settings>
+Field<Settings> with_uses(unsigned uses, Field<Settings> field) {
+  field.uses = uses;
+  return field;
+}
+
 // FieldValue is a field that is bound to one settings object. The readers and writers of settings use it.
 struct FieldValue {
   using Pointer =

@@ -1,11 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-// This file contains the table of the training fields. It has the key, the help text and the range of each
-// field, in the order in which --help and config.yaml list them.
+// This file contains the table of the training fields, except for those of read_settings.hpp. It has the key,
+// the help text and the range of each field, in the order in which --help and config.yaml list them.
 #include "host/scene/train_settings.hpp"
 
 #include <algorithm>
 #include <charconv>
 #include <cmath>
+#include <iterator>
 
 #include "host/base/error.hpp"
 #include "host/scene/frozen_groups.hpp"
@@ -42,12 +43,9 @@ ChoiceRef conditioning(S& settings) {
           }};
 }
 
-constexpr Field<S> used(unsigned uses, Field<S> field) {
-  field.uses = uses;
-  return field;
-}
+constexpr auto used = &with_uses<S>;
 
-const Field<S> kFields[] = {
+const Field<S> kTrainingFields[] = {
     used(kSetFirst, {"dim",
                      "number of dimensions N of a splat: 3, 4 (with time), 6 (with view direction), 7 (with "
                      "both), 8 to 11 (with further query values); auto: the dimensions that differ "
@@ -202,40 +200,9 @@ const Field<S> kFields[] = {
           "accuracy of powers in the kernels: exact, native or rough, with relative errors of 1e-7, 1e-5 and "
           "4e-4",
           &choice<S, &S::math>, -1, 1, false, "exact|native|rough"}),
+};
 
-    used(kOfReading | kSetFirst,
-         {"downscale", "load images with width and height reduced by this factor", &S::downscale, 1, 64}),
-    used(kOfReading,
-         {"layout", "layout of the data (docs/data.md); auto: recognised by their contents", &S::layout}),
-    used(kOfReading,
-         {"images", "name of the image folder in COLMAP and LLFF data; auto: 'images'", &S::images}),
-    used(kOfReading,
-         {"colmap_model",
-          "name of the folder in sparse/ that contains the COLMAP model; auto: the one with the most images",
-          &S::colmap_model}),
-    used(kOfReading,
-         {"principal_point",
-          "principal point of the cameras: as in the data (true), or the centre of the image, as published",
-          &choice<S, &S::principal_point>, -1, 1, false, "true|centre"}),
-    used(kOfReading | kSetFirst, {"test_every",
-                                  "use every n-th view in the order of names as a test view (only COLMAP, "
-                                  "LLFF and nerfstudio data); 0: no test views; auto: every 8th view; if "
-                                  "there are fewer than 24 images, an eighth of the views, chosen so that "
-                                  "other cameras surround them (docs/data.md)",
-                                  &S::test_every, 0, 1'000'000, true}),
-    used(kFreeOnResume,
-         {"image_cache_mb", "memory for decoded images [MB]; images that do not fit are decoded when needed",
-          &S::image_cache_mb, 1, 1 << 20}),
-    used(kFreeOnResume | kOfReading,
-         {"cache_folder", "folder in which undistorted images and video frames are kept; empty: none",
-          &S::cache_folder}),
-    used(kFreeOnResume | kOfReading,
-         {"allow_outside",
-          "allow links, absolute paths and .. in the data to refer to files outside of the data folder",
-          &S::allow_outside}),
-    used(kOfReading,
-         {"frames", "frames of videos to use, FIRST:END:STEP, such as 0:300 or 0:300:2; empty: all",
-          &S::frames, 0, kMaxIterations, true}),
+const Field<S> kOutputFields[] = {
     used(kFreeOnResume | kSetFirst,
          {"eval_every",
           "interval between evaluations on the test split, in iterations (500) or seconds (30s); 0: only at "
@@ -258,7 +225,15 @@ const Field<S> kFields[] = {
 
 }  // namespace
 
-std::span<const Field<TrainSettings>> train_fields() { return kFields; }
+std::span<const Field<TrainSettings>> train_fields() {
+  static const std::vector<Field<S>> fields = [] {
+    std::vector<Field<S>> all(std::begin(kTrainingFields), std::end(kTrainingFields));
+    std::ranges::copy(read_fields<S>(), std::back_inserter(all));
+    std::ranges::copy(kOutputFields, std::back_inserter(all));
+    return all;
+  }();
+  return fields;
+}
 
 // Throws Error(usage) if refinements would change a frozen group: relocation moves splats and reduces the
 // opacity of the splats that it copies. The other groups are copied without changes.

@@ -16,6 +16,7 @@
 #include "host/scene/field.hpp"
 #include "host/scene/math_mode.hpp"
 #include "host/scene/model_variant.hpp"
+#include "host/scene/read_settings.hpp"
 
 namespace ubs {
 
@@ -26,29 +27,8 @@ enum class Appearance { none, gain, affine };  // kernels/math/appearance.h
 enum class RefineCameras { none, pose, pose_and_intrinsics };
 enum class RandomBackground { automatic, off, on };
 enum class ListCounts { automatic, wait, bound };
-enum class PrincipalPoint { as_given, centre };
 enum class BatchRates { none, sqrt };
 enum class OnNan { stop, rollback, drop, off };
-
-// ReadSettings holds the settings for reading data (docs/data.md). Each setting has a member in this struct
-// and a row with kOfReading in the table of fields, and is used in host/data.
-struct ReadSettings {
-  std::string layout = "auto";  // layout of the data (host/data/load_dataset.cpp); auto: recognised
-  std::string images = "auto";  // name of the image folder in COLMAP and LLFF data; auto: `images`
-  // Name of the folder in sparse/ that contains the COLMAP model; auto: the model with the most images.
-  std::string colmap_model = "auto";
-  std::string cache_folder;  // for undistorted images and video frames; empty: they are not stored
-  int downscale = 1;         // width and height of images are reduced by this factor
-  // For COLMAP, LLFF and nerfstudio data: every n-th view is a test view; 0: no test views; auto: see
-  // split_views() in host/data/split_views.hpp.
-  int test_every = kAutoInt;
-  int image_cache_mb = 4096;         // memory for decoded images [MB]; others are decoded when needed
-  PrincipalPoint principal_point{};  // as in the data, or the centre of the image as published
-  IndexRange frames;                 // frames of videos that are used
-  // Whether links, absolute paths and .. in the data may refer to files outside of the data folder.
-  bool allow_outside = false;
-  bool operator==(const ReadSettings&) const = default;
-};
 
 // In each enumeration, the enumerators are in the order of their words in the table of fields.
 struct TrainSettings : ReadSettings {

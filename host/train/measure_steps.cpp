@@ -76,8 +76,8 @@ std::vector<StepCost> measure_steps(Device& device, const TrainSettings& setting
     const double each = most > initial.count ? std::max(0.0, many[k] - few[k]) / (end - begin) : 0;
     costs.push_back({levels[k].factor, few[k] - each * begin, each, 0});
   }
-  if (trainer.cameras().refines())
-    for (StepCost& cost : costs) cost.sweep_ms = 1e3 * trainer.cameras().sweep_seconds(cost.factor);
+  if (trainer.scene().cameras().refines())
+    for (StepCost& cost : costs) cost.sweep_ms = 1e3 * trainer.scene().cameras().sweep_seconds(cost.factor);
   return costs;
 }
 

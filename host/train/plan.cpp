@@ -21,7 +21,7 @@
 namespace ubs {
 namespace {
 
-constexpr double kViewSeconds = 1;  // maximum time for counting intersections
+constexpr double kViewSeconds = 1;                     // maximum time for counting intersections
 constexpr std::size_t kMinViews = 8, kMaxViews = 256;  // limits of the number of counted views
 constexpr std::size_t kEndViews = 3;  // number of views that are rendered at the final number of splats
 // Maximum number of splats that are measured. Each splat takes about 420 bytes of host memory during the
@@ -161,8 +161,9 @@ void measure_end(Trainer& trainer, const TrainSettings& measuring, const Split& 
   for (std::size_t k = 0; k < std::min({kEndViews, views.size(), first_views.size()}); ++k) {
     before += static_cast<double>(first_views[k]);
     after += static_cast<double>(
-        trainer.renderer()
-            .forward(trainer.device_model().view(), views[k], trainer.render_settings(), true)
+        trainer.scene()
+            .renderer()
+            .forward(trainer.scene().device_model().view(), views[k], trainer.scene().render_settings(), true)
             .intersections);
   }
   const double ratio = before > 0 ? after / before : 1;
@@ -231,7 +232,8 @@ RunPlan plan_training(Device& device, const TrainSettings& asked, const Split& t
   const TrainSettings measuring = measuring_settings(settings, plan.end.splats);
   Trainer trainer(device, measuring, train, none, initial);
   const std::vector<std::uint64_t> counts =
-      count_views(trainer.renderer(), trainer.device_model().view(), trainer.render_settings(), views);
+      count_views(trainer.scene().renderer(), trainer.scene().device_model().view(),
+                  trainer.scene().render_settings(), views);
   take_counts(plan.start, counts);
   plan.views_measured = counts.size();
   const std::vector<double> times = step_times(trainer, train, trainer.state());

@@ -1,45 +1,28 @@
 // SPDX-License-Identifier: Apache-2.0
-// Trainer optimises a splat model on the training views of a data set. It runs the training loop of
-// method.md, section 4, on one device, or on several MPI ranks that share the splats and the views
-// (docs/cluster.md).
-// It consists of several parts. Schedule decides when splats are refined and which learning rates apply,
-// TrainingViews supplies cameras and photographs, ViewPasses renders them, TrainedSplats holds the optimised
-// parameters, Guard handles values that are not finite, and BudgetPace keeps the run within a time budget.
-// Training is reproducible: all random choices (order of views, noise, sampling for relocation) depend only
-// on the seed and the iteration, and there is no hidden state. With the same settings, data, device and
-// build, two runs give bit-identical models, also after a restore(). Runs with a time budget are an
-// exception, because their length depends on the clock.
+// Trainer optimises a splat model on the training views of a data set (method.md, section 4). TrainedScene
+// (trained_scene.hpp) holds what is optimised and performs the iterations. Trainer decides how many
+// iterations there are, and what happens between them: evaluations, checkpoints, reports, the handling of
+// values that are not finite (Guard), and the adaptation to a time budget (RunLength). Training is
+// reproducible: there is no hidden state. With the same settings, data, device and build, two runs give
+// bit-identical models, also after a restore(). Runs with a time budget are an exception, because their
+// length depends on the clock.
 #pragma once
 
 #include <functional>
-#include <memory>
 #include <optional>
-#include <vector>
 
-#include "host/base/time_source.hpp"
-#include "host/cluster/communicator.hpp"
-#include "host/pipeline/memory_plan.hpp"
-#include "host/scene/dataset.hpp"
-#include "host/scene/train_settings.hpp"
 #include "host/train/guard.hpp"
-#include "host/train/learnt_sky.hpp"
-#include "host/train/loss_log.hpp"
-#include "host/train/run_settings.hpp"
-#include "host/train/schedule.hpp"
-#include "host/train/shared_view_passes.hpp"
+#include "host/train/run_length.hpp"
 #include "host/train/test_sample.hpp"
-#include "host/train/time_budget.hpp"
-#include "host/train/timed_stages.hpp"
-#include "host/train/trained_cameras.hpp"
-#include "host/train/training_views.hpp"
+#include "host/train/trained_scene.hpp"
 
 namespace ubs {
 
 // StepReport is passed to on_step() after each iteration.
 struct StepReport {
-  int iteration = 0;         // number of the iteration, counted from 1
-  int iterations = 0;        // number for the whole run; with a time budget, the current estimate
-  double share = 0;          // share of the work that is done
+  int iteration = 0;   // number of the iteration, counted from 1
+  int iterations = 0;  // number for the whole run; with a time budget, the current estimate
+  double share = 0;    // share of the work that is done
   // Training time so far, without evaluations. In a run with a time budget, it includes the part of the
   // budget that passed before the first iteration; in other runs, it does not include the start-up.
   double seconds = 0;
@@ -73,7 +56,7 @@ class Trainer {
   // any rank returns false, all ranks stop.
   // `time` is the clock that measures the training time.
   Trainer(Device& device, const TrainSettings& settings, const Split& train, const Split& test,
-          SplatModel initial, Communicator& ranks = alone(), const TimeSource& time = steady_time());
+          const SplatModel& initial, Communicator& ranks = alone(), const TimeSource& time = steady_time());
 
   // Trains until the last iteration. on_step is called after every iteration and may return false to stop the
   // training. If an Error is thrown and state_is_whole() returns true, the state is that of the last
@@ -102,11 +85,10 @@ class Trainer {
   // Returns the progress of the run when complete_in() took effect, or nothing if it did not.
   const std::optional<TrainProgress>& completed_from() const { return completed_from_; }
   // Returns the settings of the run, in which automatic values are resolved.
-  const TrainSettings& settings() const { return schedule_.settings(); }
-  // Returns the settings in which the background is the one that has been learnt so far. Use these settings
-  // to render the model outside of the trainer.
-  TrainSettings drawn_settings() const;
-  RenderSettings render_settings() const { return passes_->settings(); }
+  const TrainSettings& settings() const { return scene_.settings(); }
+  // The scene as trained so far. The caller must not perform iterations.
+  TrainedScene& scene() { return scene_; }
+  const TrainedScene& scene() const { return scene_; }
 
   // Waits for the device and returns the state after the last iteration. All ranks must call this method.
   // With `everywhere`, the state contains all splats on every rank, otherwise each rank gets its part of the
@@ -130,35 +112,14 @@ class Trainer {
   double seconds() const { return progress_.seconds; }
   int rollbacks() const { return progress_.rollbacks; }
   std::uint64_t dropped() const { return progress_.dropped; }  // number of dropped splats
-  std::uint32_t splats() const { return splats_->total(); }
+  std::uint32_t splats() const { return scene_.splats(); }
 
   // Downloads the model. All ranks must call this method; only the first rank gets the splats.
-  SplatModel model() const { return splats_->download(); }
-  DeviceModel& device_model() { return splats_->model(); }  // splats of this rank
-  // Measures the current model on the test views. If `more` is not null, its additional metrics are measured
-  // too. All ranks must call this method.
-  Metrics evaluate_test(ImageMetrics* more = nullptr);
-  // Measures the current model on at most `most` training views, which are evenly spaced, in full size. Views
-  // whose mask excludes all pixels are not measured. Not supported with several ranks.
-  Metrics evaluate_train(std::size_t most);
-  // set_cameras() sets the cameras for draw(), and draw() renders the view of one of them. The image is then
-  // in renderer() of the first rank. All ranks must call both methods.
-  void set_cameras(const std::vector<Camera>& cameras) { passes_->set_cameras(cameras); }
-  void draw(std::uint32_t camera) { passes_->draw(camera); }
-  Renderer& renderer() { return passes_->renderer(); }
-
-  TrainedCameras& cameras() { return cameras_; }
-  Communicator& ranks() const { return ranks_; }
-  // Returns the passes of a run with several ranks, or null if there is only one rank.
-  SharedViewPasses* shared() { return dynamic_cast<SharedViewPasses*>(passes_.get()); }
-
-  double extent() const { return schedule_.extent(); }  // scene extent
+  SplatModel model() const { return scene_.model(); }
+  // Measures the current model on the test views (TrainedScene::evaluate_test).
+  Metrics evaluate_test(ImageMetrics* more = nullptr) { return scene_.evaluate_test(more, is_finished()); }
   // Returns an estimate of the device memory of this run, computed for the current capacity of the buffers.
-  MemoryPlan memory_plan() const;
-  const IntersectionCount& intersections() const { return passes_->intersections(); }
-  // Returns how the training time of this process was distributed over the stages, estimated from sampled
-  // iterations.
-  std::vector<StageTime> stage_times() const { return stages_->times(); }
+  MemoryPlan memory_plan() const { return scene_.memory_plan(progress_.iteration); }
 
  private:
   // Due states which actions follow after an iteration.
@@ -169,16 +130,9 @@ class Trainer {
     bool looks = false;      // checks for values that are not finite
   };
 
-  void step();
-  StepViews views_of_step();
-  bool refine();  // returns true if splats were moved or added
-  void update(int views);
-  void learn_appearances();
-  bool refines_now() const { return schedule_.refines(progress_.iteration); }
-  Regularise penalty() const;
-  AdamStep next_step();
-  void use_level_of(int iteration);
+  bool is_finished() const { return progress_.iteration == settings().iterations; }
 
+  void step();
   Due due(double evaluated) const;
   void measure_sample(TestSample& sample, StepReport& report);
   bool save_due() const;
@@ -189,27 +143,13 @@ class Trainer {
   bool look();
   void loss_not_finite(std::uint64_t draw);
   void answer(const NonFiniteEvent& event, TrainState state);
-  bool at_point() const;                   // whether the time budget must set the next point now
-  void set_pace(bool any_change = false);  // see BudgetPace::advance()
-  void begin_pace(TimeBudget budget);
-  void complete(double seconds);
 
   const TimeSource& time_;
-  Communicator& ranks_;
   Device& device_;
-  const std::uint32_t initial_;  // number of splats at the start
-  Schedule schedule_;            // also holds the settings
-  TrainingViews views_;
-  std::unique_ptr<TimedStages> stages_;
-  std::unique_ptr<TrainedSplats> splats_;
-  std::unique_ptr<ViewPasses> passes_;
-  LearntSky sky_;
-  TrainedCameras cameras_;
-  Buffer<float> rates_;  // learning rates of all parameter rows
-  LossLog losses_;
+  TrainedScene scene_;
   TrainProgress progress_;
+  RunLength length_;
   Guard guard_;
-  std::optional<BudgetPace> pace_;      // only in a run with a time budget, or if it is completed early
   std::optional<double> completes_in_;  // set by complete_in(), until it takes effect
   std::optional<TrainProgress> completed_from_;
   bool whole_ = true, samples_ = false;

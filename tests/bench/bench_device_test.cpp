@@ -87,7 +87,7 @@ TEST_CASE("memory plan: rendering and a growing model allocate what was predicte
     const double ratio =
         static_cast<double>(device->peak_bytes() - before) / static_cast<double>(plan.total());
     INFO(summary(plan) << ", ratio " << ratio);
-    CHECK(trainer.device_model().count() == 8000);
+    CHECK(trainer.scene().device_model().count() == 8000);
     CHECK(ratio > 0.97);  // the ratio observed on PoCL is 1.009
     CHECK(ratio < 1.03);
   }

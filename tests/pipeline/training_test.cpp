@@ -73,7 +73,7 @@ TEST_CASE("training with list_counts = bound gives the same bits as with list_co
       if (report.loss) losses.push_back(*report.loss);
       return true;
     });
-    count = trainer.intersections();
+    count = trainer.scene().intersections();
     return std::pair{trainer.state(), losses};
   };
   for (const auto& device : devices_under_test())

@@ -254,13 +254,13 @@ TEST_CASE("training refines inaccurate poses and focal lengths", "[cameras]") {
       return true;
     });
     std::vector<Camera> refined;
-    for (const FittedCamera& camera : trainer.cameras().learnt()) refined.push_back(camera.camera);
+    for (const FittedCamera& camera : trainer.scene().cameras().learnt()) refined.push_back(camera.camera);
     const std::vector<Camera> right = cameras_of(truth.train);
     Trainer from_right(*device, settings, truth.train, truth.test,
                        initialise_random(3, 1500, settings.seed, {.variant = settings.variant}));
     from_right.run([](const StepReport&) { return true; });
     std::vector<Camera> drifted;
-    for (const FittedCamera& camera : from_right.cameras().learnt()) drifted.push_back(camera.camera);
+    for (const FittedCamera& camera : from_right.scene().cameras().learnt()) drifted.push_back(camera.camera);
     const PoseError drift = pose_error(drifted, right);
     INFO("from right poses: " << drift.turn << ", " << drift.centre);
     // Observed on PoCL: rotations of 0.0088 rad and distances of 0.038. Without the prior that keeps cameras
@@ -279,9 +279,9 @@ TEST_CASE("training refines inaccurate poses and focal lengths", "[cameras]") {
     CHECK(metrics.mean.posed->psnr > without + 4);
     const test::TempFolder folder;
     const std::array<double, 3> offset{10, -20, 30};
-    const std::vector<FittedCamera> cameras = trainer.cameras().learnt();
+    const std::vector<FittedCamera> cameras = trainer.scene().cameras().learnt();
     const std::array<RunCameras, 2> splits{
-        {{off.train, cameras}, {off.test, std::span(trainer.cameras().held_out())}}};
+        {{off.train, cameras}, {off.test, std::span(trainer.scene().cameras().held_out())}}};
     off.test.views[1].name = "\xe9";  // names may contain bytes that are not valid UTF-8
     write_run_cameras(folder.path(), splits, offset, "data");
     Split train = off.train, test = off.test;
@@ -296,7 +296,7 @@ TEST_CASE("training refines inaccurate poses and focal lengths", "[cameras]") {
     CHECK(test.views[0].camera.rotation == off.test.views[0].camera.rotation);
     const std::vector<Camera> fitted = run_cameras(folder.path(), test, offset);
     REQUIRE(fitted.size() == 4);
-    CHECK(fitted[1].rotation == trainer.cameras().held_out()[1].camera.rotation);
+    CHECK(fitted[1].rotation == trainer.scene().cameras().held_out()[1].camera.rotation);
     test.views[0].name = "other";
     CHECK(run_cameras(folder.path(), test, offset).empty());
   }

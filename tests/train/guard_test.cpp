@@ -37,7 +37,7 @@ TrainSettings guarded(OnNan on_nan) {
 
 // Writes a value into row `row` of splat `splat` in the memory of the trainer.
 void poison(Device& device, Trainer& trainer, int row, std::uint32_t splat, float value) {
-  const SplatView view = trainer.device_model().view();
+  const SplatView view = trainer.scene().device_model().view();
   const std::size_t at = static_cast<std::size_t>(row) * view.stride + splat;
   device.write(*view.params.memory, at * sizeof(float), std::as_bytes(std::span(&value, 1)));
 }

@@ -90,7 +90,7 @@ TEST_CASE("plan: the number of splats follows from the settings", "[plan]") {
       REQUIRE(report.splats == Schedule(settings, 400).splats_at(report.share));
       return true;
     });
-    CHECK(trainer.device_model().count() == 700);
+    CHECK(trainer.scene().device_model().count() == 700);
     settings.cap_max = 10;
     CHECK(Schedule(settings, 400).splats_at(1) == 400);
   }
@@ -125,9 +125,9 @@ TEST_CASE("plan: if a scene does not change, its planned intersections and memor
       trainer.run([](const StepReport&) { return true; });
       INFO(device->info().name << ", raster " << raster);
       CHECK(plan.views_measured == 5);
-      CHECK(plan.start.most_intersections == trainer.intersections().most);
-      CHECK(plan.start.mean_intersections == Approx(trainer.intersections().mean()).epsilon(1e-12));
-      CHECK(plan.intersection_room == trainer.renderer().intersection_capacity());
+      CHECK(plan.start.most_intersections == trainer.scene().intersections().most);
+      CHECK(plan.start.mean_intersections == Approx(trainer.scene().intersections().mean()).epsilon(1e-12));
+      CHECK(plan.intersection_room == trainer.scene().renderer().intersection_capacity());
       CHECK(plan.end.splats == 5000);
       CHECK(plan.start.step_ms > 0);
       CHECK(plan.memory.total() == trainer.memory_plan().total());

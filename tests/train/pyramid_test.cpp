@@ -144,7 +144,7 @@ TEST_CASE("pyramid: a run resumed on any level is bit-identical to an uninterrup
       std::vector<std::pair<int, int>> widths;
       Trainer whole(*device, settings, train, data.test, start);
       whole.run([&](const StepReport& report) {
-        widths.emplace_back(report.iteration, whole.renderer().shape().width);
+        widths.emplace_back(report.iteration, whole.scene().renderer().shape().width);
         return true;
       });
       for (const auto& [iteration, width] : widths)

@@ -241,13 +241,13 @@ void RunFolder::save_metrics(const Json& json) {
 
 void RunFolder::save_cameras(Trainer& trainer, const Split& train, const Split& test, const Dataset& data,
                              double unit, bool finished) {
-  if (!trainer.cameras().refines() || !writes_) return;
+  if (!trainer.scene().cameras().refines() || !writes_) return;
   std::vector<FittedCamera> refined, held_out;
   if (finished) {
-    refined = trainer.cameras().learnt();
-    held_out = trainer.cameras().held_out();
+    refined = trainer.scene().cameras().learnt();
+    held_out = trainer.scene().cameras().held_out();
   } else {  // an interrupted run does not compute deviations
-    for (const Camera& camera : trainer.cameras().train()) refined.push_back({camera, {NAN, NAN}});
+    for (const Camera& camera : trainer.scene().cameras().train()) refined.push_back({camera, {NAN, NAN}});
   }
   for (std::vector<FittedCamera>* cameras : {&refined, &held_out})
     for (FittedCamera& fitted : *cameras) {
@@ -275,11 +275,11 @@ std::size_t RunFolder::save_renders(Trainer& trainer, const Split& split, int co
   const std::size_t wanted = views.size();
   if (wanted == 0) return 0;
   if (writes_) make_folders(renders());
-  trainer.set_cameras(trainer.cameras().test());
+  trainer.scene().set_cameras(trainer.scene().cameras().test());
   const auto save = [&](std::size_t i) {
-    trainer.draw(static_cast<std::uint32_t>(i));
+    trainer.scene().draw(static_cast<std::uint32_t>(i));
     if (!writes_) return;
-    const RenderedView rendered = trainer.renderer().download();
+    const RenderedView rendered = trainer.scene().renderer().download();
     const View& view = split.views[i];
     save_png(renders() / (view.name + ".png"),
              side_by_side(view.load_image(),
@@ -290,7 +290,7 @@ std::size_t RunFolder::save_renders(Trainer& trainer, const Split& split, int co
     try {
       save(i);
     } catch (const Error& error) {
-      if (error.kind() != ErrorKind::data || trainer.ranks().size() > 1) throw;
+      if (error.kind() != ErrorKind::data || trainer.scene().ranks().size() > 1) throw;
       again.push_back(i);
     }
   }

@@ -72,7 +72,7 @@ IterationMeasurement measure_iterations(Device& device, const BenchScene& scene,
       (cpu_ms() - processor) / (kSampleIterations * static_cast<double>(result.time.wall_ms.samples));
   result.peak_bytes = device.peak_bytes();
   result.predicted_bytes = trainer.memory_plan().total();
-  result.intersections = trainer.intersections().last;
+  result.intersections = trainer.scene().intersections().last;
   device.set_profiling(true);
   skip(kProfiledSamples);
   result.time.device_ms = all_device_ms(device) / (kProfiledSamples * kSampleIterations);

@@ -77,8 +77,8 @@ struct LiveTraining::Implementation {
   // Converts the camera into the unit of training, and prepares the painter. Returns the present splats.
   RenderGroup prepare(Camera& camera) {
     scale_lengths(camera, 1 / unit);
-    painter->use(render_settings(trainer.drawn_settings()));
-    return {stages.get(), trainer.device_model().view()};
+    painter->use(render_settings(trainer.scene().drawn_settings()));
+    return {stages.get(), trainer.scene().device_model().view()};
   }
 
   Image8 image(Camera camera) {
@@ -96,7 +96,7 @@ struct LiveTraining::Implementation {
     Stopwatch watch(time);
     const bool served = server.serve(wait, [&](const PictureRequest& request) -> Picture {
       watch.restart();
-      const std::uint64_t most = std::max(kIntersections, trainer.intersections().most);
+      const std::uint64_t most = std::max(kIntersections, trainer.scene().intersections().most);
       std::string bytes = draw(request.camera, request.exact, most);
       return {.bytes = std::move(bytes),
               .headers = {{"Ubs-Iteration", std::to_string(report.iteration)},
@@ -151,11 +151,11 @@ LiveTraining::LiveTraining(Server& server, double share, Device& device, Trainer
                            const TrainSettings& settings, const Scene& scene, const TimeSource& time)
     : own_(new Implementation{server, share / 100, device, trainer, time, settings.unit}) {
   Implementation& own = *own_;
-  const DeviceModel& model = trainer.device_model();
+  const DeviceModel& model = trainer.scene().device_model();
   KernelConfig config = kernel_config(model.dim(), settings.variant, settings, device.info());
   config.backward = false;  // images need no gradients
   own.stages = make_stages(device, config);
-  own.painter = std::make_unique<Painter>(device, *own.stages, trainer.render_settings());
+  own.painter = std::make_unique<Painter>(device, *own.stages, trainer.scene().render_settings());
   const std::string poster = web::poster_uri(own.image(poster_camera(scene)));  // also compiles the kernels
   own.report = {.iteration = trainer.iteration(),
                 .iterations = settings.iterations,
