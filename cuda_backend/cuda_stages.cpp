@@ -23,7 +23,7 @@ MapKernels<ParameterKernels> parameters(CudaDevice& device, const KernelConfig& 
   return {device, [&device, config] { return parameter_kernels(device, config); }, map_block(device)};
 }
 
-// Kernels inherits run() for each operation from the class that launches its kernels.
+// Each base class has run() for some of the operations, and launches their kernels.
 struct Kernels : Projection, Lists, Raster, ImageLossKernels, Appearance, Sky, ParameterChanges, Drawn {
   Kernels(CudaDevice& device, const KernelConfig& config)
       : Projection(device, config),

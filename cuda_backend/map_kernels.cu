@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Compiles the projection kernels of kernels/map, and the kernels there that change the parameters of splats,
-// as CUDA. The build compiles this file once for each number of dimensions UBS_N from 3 to 7.
+// Compiles two kinds of kernels of kernels/map as CUDA: those that project splats, and those that change their
+// parameters. The build compiles this file once for each number of dimensions UBS_N from 3 to 7.
 #include <cuda_runtime.h>
 #include <math.h>
 

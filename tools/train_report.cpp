@@ -28,13 +28,13 @@ Json minutes_json(const Trainer& trainer, double spent) {
   return {{"total", trainer.seconds() / 60}, {"sampled_views", samples}, {"stages", std::move(stages)}};
 }
 
-// If the PSNR of training views is higher than that of test views by more than this, a line of the summary
-// reports it [dB] (docs/training.md).
+// Difference between the PSNR of training views and that of test views, in dB. If it is larger than this, a
+// line of the summary reports it (docs/training.md).
 constexpr double kOverfit = 6;
 
-// Returns the highest of the PSNR, the PSNR from the fitted pose and the PSNR with the fitted appearance, as
-// far as the run determines these. Training views are rendered with learnt poses and appearances, so test
-// views must be compared with them in this way.
+// Returns the PSNR of the test views that is comparable with that of the training views. Training views are
+// rendered with learnt poses and appearances. So if the run has also measured the test views from fitted
+// poses or with fitted appearances, the result is the highest of these values.
 double comparable_psnr(const ViewMetrics& mean) {
   double psnr = mean.psnr_channel_mean;
   for (const auto& fit : {mean.fitted, mean.posed})

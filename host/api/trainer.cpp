@@ -40,8 +40,8 @@ Split test_views(const Dataset& set, const TrainSettings& settings) {
   return test;
 }
 
-// Throws Error(usage) if a setting of the trainer would read the data differently from the settings that the
-// data were opened with. The data have been read already, so such a setting would have no effect.
+// Throws Error(usage) if a setting that determines how data are read has another value than it had when the
+// data were opened. The data have been read already, so such a setting would have no effect.
 void check_as_opened(TrainSettings settings, const ubs_data& data) {
   TrainSettings opened = data.settings;
   opened.background.automatic = false;  // an automatic background was black while the data were read

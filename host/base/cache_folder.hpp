@@ -20,13 +20,13 @@ std::filesystem::path cache_folder(const char* override_name);
 // removes the file again. Never throws.
 std::string cache_defect(const std::filesystem::path& folder);
 
-// Returns the folder ubs-<user number> in the folder of the system for temporary files. Only this user can
+// Returns the folder ubs-<user number>, which is in temporary_folder() (paths.hpp). Only this user can
 // access it. Returns an empty path if the folder cannot be created or used.
 std::filesystem::path temporary_cache();
 
 // Returns a folder that only this process uses, and that is removed when the process ends. Some drivers
-// always write compiled code to files; this folder is for them if no code is to be kept. Returns an empty
-// path if the folder cannot be created.
+// always write compiled code to files. They use this folder if no compiled code is to be kept. Returns an
+// empty path if the folder cannot be created.
 std::filesystem::path process_cache();
 
 // Returns `wanted` if cache_defect() finds no problem with it. Otherwise returns temporary_cache() and logs a

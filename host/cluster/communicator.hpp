@@ -18,7 +18,7 @@ using Bytes = std::vector<std::byte>;
 // The data that this rank sends: one piece for each rank, including itself.
 using Pieces = std::vector<std::span<const std::byte>>;
 
-// Exchange is an exchange of pieces between the ranks that has started.
+// Exchange represents an exchange of pieces between the ranks that is in progress.
 class Exchange {
  public:
   virtual ~Exchange() = default;

@@ -26,8 +26,8 @@ bool is_exr(std::span<const std::byte> bytes) {
   return bytes.size() >= sizeof kMagic && std::memcmp(bytes.data(), kMagic, sizeof kMagic) == 0;
 }
 
-// Decodes an image file to samples with 8 bits, 16 bits or float. The result has 1, 3 or 4 channels; the
-// order of several channels is B, G, R and, if there are four, A. Orientation tags are ignored, as in the
+// Decodes an image file. The samples have 8 bits, 16 bits or are floats. The result has one channel, three
+// (B, G, R) or four (B, G, R, A). Orientation tags are ignored, as in the
 // loader of the published code (Pillow's Image.open), because the cameras of every data set describe the
 // stored pixels. Stores the orientation of a TIFF file in `orientation`, if it is not null.
 cv::Mat decode_image_file(const std::filesystem::path& path, int* orientation = nullptr) {
@@ -74,8 +74,8 @@ std::uint8_t to_8_bit(std::uint8_t v) { return v; }
 std::uint8_t to_8_bit(std::uint16_t v) { return static_cast<std::uint8_t>((v + 128) / 257); }
 
 // Composites an image on the background. OpenCV stores the channels in the order B, G, R, A. The computation
-// uses double precision like the published code. Then v / 255 * 255 truncates to v for every v from 0 to
-// 255, so the colours of opaque pixels do not change.
+// uses double precision like the published code. In double precision, v / 255 * 255 truncates to v for every
+// v from 0 to 255, so the colours of opaque pixels do not change.
 template <typename Sample>
 Image8 composite(const cv::Mat& image, const std::array<double, 3>& background) {
   constexpr double kMax = std::numeric_limits<Sample>::max();

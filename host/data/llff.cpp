@@ -101,8 +101,8 @@ bool comes_before(std::string_view a, std::string_view b) {
   return x.empty() && y.empty() ? a < b : x.empty();
 }
 
-// Returns the images in a folder. Images belong to cameras and times by their order, so a missing image would
-// shift those after it. Therefore links to missing files are errors.
+// Returns the images in a folder. The order of the images determines their cameras and times, so a missing
+// image would shift all images after it. Therefore links to missing files are errors.
 std::vector<fs::path> all_pictures_in(const fs::path& folder) {
   if (is_folder(folder))
     for (const fs::path& file : folder_entries(folder))
@@ -287,8 +287,8 @@ LoadedScene load_llff(const fs::path& folder, const DatasetOptions& options) {
   const std::vector<Row> rows = read_rows(root.check(folder / "poses_bounds.npy"));
   const fs::path images = folder / (options.read.images == "auto" ? "images" : options.read.images);
   std::vector<std::string> notes;
-  // In a folder that also has images, videos and folders are cameras only if there is one per row. Otherwise
-  // they may be, for example, a recording of a walk through the scene.
+  // If the folder also has images, its videos or folders count as cameras only if there are as many as rows.
+  // Otherwise they may be, for example, a recording of a walk through the scene.
   const auto cameras = [&](bool (*accept)(const fs::path&), const char* what) {
     std::vector<fs::path> found = sorted_entries(folder, accept);
     if (found.empty() || found.size() == rows.size() || !is_folder(images)) return found;

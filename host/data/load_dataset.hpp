@@ -54,7 +54,7 @@ void take_points(const std::filesystem::path& file, LoadedScene& scene);
 // Adds a note if points of a file were left out because they are not finite.
 void note_not_finite(const WorldPoints& points, LoadReport& report);
 
-// Adds a note for each other split that contains images of the split train.
+// Adds a note for each split, except train, that contains images of the split train.
 void note_shared_images(const std::vector<Split>& splits, LoadReport& report);
 
 // Returns whether the file name has the extension of a supported image format, such as .png or .jpg.
@@ -73,7 +73,9 @@ std::string camera_files_in(const std::filesystem::path& folder);
 
 // Returns the names of all layouts, which are the values of the setting `layout`, except auto.
 std::vector<std::string_view> layout_names();
-// Returns the data sets and programs that use the layouts of folders, for help texts: "Blender, D-NeRF, ...".
+// Returns the names of the data sets and programs whose folders can be read, for help texts: "Blender,
+// D-NeRF,
+// ...".
 std::string layout_titles();
 // Returns the name of the layout of `path`. If no layout fits, throws an error whose message lists the files
 // that were looked for.
@@ -92,8 +94,8 @@ LoadedScene load_nerfstudio(const std::filesystem::path& path, const DatasetOpti
 LoadedScene load_colmap(const std::filesystem::path& folder, const DatasetOptions& options);
 LoadedScene load_llff(const std::filesystem::path& folder, const DatasetOptions& options);
 // Loads a packed file. Its images were composited and reduced when the file was packed. Throws Error(data) if
-// `options` has another background, unless all images are opaque, or if it has another downscale factor than
-// 1 or that of the file.
+// `options` has another background than the file and an image is not opaque. Also throws if the downscale
+// factor of `options` is neither 1 nor that of the file.
 LoadedScene load_packed(const std::filesystem::path& file, const DatasetOptions& options);
 
 // Throws Error(usage) if one of --images, --colmap-model, --test-every and --frames is not listed in `used`

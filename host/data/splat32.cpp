@@ -34,7 +34,7 @@ ImportedSplats read_splat32(const std::filesystem::path& path) {
     // The logarithm of a negative scale is NaN, so the splat is dropped.
     for (float& v : splats.log_scales[i]) v = std::log(in.read<float>());
     // A flat splat has one scale of 0. If all three scales are 0, these bytes are not a splat. The format has
-    // no header that would show this in another way.
+    // no header that would tell whether a file contains splats.
     if (std::ranges::all_of(splats.log_scales[i], [](float v) { return v == -INFINITY; }))
       splats.log_scales[i].fill(NAN);
     for (std::size_t c = 0; c < 3; ++c)

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // make_in_huge_pages() allocates buffers of CPU devices in huge pages (2 MiB on Linux). The kernels read from
-// dozens of rows at the same time. With small pages, these would be more pages than the TLB of the processor
-// can hold. docs/performance.md contains the measured speed-up.
+// dozens of rows at the same time. The rows are in different pages. With small pages, these would be more
+// pages than the TLB of the processor can hold. docs/performance.md contains the measured speed-up.
 #pragma once
 
 #include "host/opencl/cl_api.hpp"

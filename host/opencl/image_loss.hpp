@@ -15,7 +15,7 @@ class ImageLossKernels {
   void run(const ImageLoss& loss);
 
  private:
-  struct Maps {  // layout of the planes with the results of ssim_point(), which have margins of zeros
+  struct Maps {  // layout of the planes with the results of ssim_point(); each plane has a margin of zeros
     std::uint32_t pitch = 0, plane = 0;
   };
   std::size_t channels(const ImageShape& shape) const;  // number of channels per launch

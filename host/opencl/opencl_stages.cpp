@@ -58,7 +58,7 @@ ProgramSpec draw_program(const KernelConfig& config) {
   return with_scan(std::move(draws), config, "uint", "ulong");
 }
 
-// Kernels inherits run() for each operation from the class that launches the kernels of the operation.
+// Each base class has run() for some of the operations, and launches their kernels.
 struct Kernels : Projection, Lists, Raster, ImageLossKernels, Appearance, Sky, ParameterChanges, Drawn {
   Kernels(OpenclDevice& device, const KernelConfig& config)
       : Projection(device, config),

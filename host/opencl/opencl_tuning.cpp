@@ -13,11 +13,12 @@ const std::vector<TunedConstant>& tuned_constants() {
       // The values must be multiples of 16 (whole vectors), and at most 64.
       {"UBS_CHUNK", 64, {32, 48}, "opencl/raster_cpu.cl", cpu, {"raster_forward", "raster_backward"}},
       {"UBS_PREFETCH_DISTANCE", 12, {4, 8, 16, 24, 32}, "opencl/raster_cpu.cl", cpu, {"raster_backward"}},
-      // The values must be primes or 1. The host sets 1 if cores choose their groups (core_groups.hpp).
+      // The values must be primes or 1. If cores choose their work-groups (core_groups.hpp), the value is 1.
       {"UBS_SCATTER", 31, {1, 101, 211}, "opencl/raster_cpu.cl", cpu, {"raster_forward", "raster_backward"}},
       {"UBS_SUM_GROUP", 64, {16, 32, 128, 256}, "opencl/slot_sum.cl", cpu, {"sum_slots"}},
-      // The values must be multiples of 16, and 52 + 4 UBS_LOSS_STRIP rows of (value + 16) floats must fit
-      // into local memory.
+      // The values must be multiples of 16. The kernel needs local memory for 52 + 4 UBS_LOSS_STRIP rows. A
+      // row
+      // has 16 floats more than this value.
       {"UBS_LOSS_TILE", 112, {48, 64, 80, 96}, "gpu/loss.cl", cpu, {"image_loss"}},
       {"UBS_LOSS_STRIP", 4, {2, 8}, "gpu/loss.cl", cpu, {"image_loss"}},
       {"UBS_PREFETCH_AHEAD", 1, {2, 4, 8}, "map/project.cl", cpu, {"project_forward", "project_backward"}},
@@ -26,7 +27,8 @@ const std::vector<TunedConstant>& tuned_constants() {
       {"UBS_LISTS_AHEAD", 96, {48, 64, 128}, "opencl/tile_list_chunks.cl", cpu, {"lists"}},
       {"UBS_LISTS_BATCH", 1024, {256, 512, 2048}, "opencl/tile_list_chunks.cl", cpu, {"lists"}},
       {"UBS_PLACES_BATCH", 512, {128, 256, 1024}, "opencl/tile_list_chunks.cl", cpu, {"lists"}},
-      // A group must have at least one wave of any GPU. The registers limit the number of waves that run at
+      // A work-group must be at least as large as the largest wave of all GPUs. The registers limit the
+      // number of waves that run at
       // the same time. With the smallest groups, the fewest registers remain unused.
       {"UBS_PROJECT_GROUP",
        64,

@@ -48,10 +48,10 @@ class Lpips {
   };
   struct Stage {  // a layer of the network with its weights
     Layer layer;
-    // The convolutions of the layer. A convolution has one, a fire module has three (squeeze, expand1x1,
-    // expand3x3), and other layers have none.
+    // The convolutions of the layer. A convolutional layer has one, a fire module has three (squeeze,
+    // expand1x1, expand3x3), and other layers have none.
     std::vector<Convolution> convolutions;
-    Buffer<float> head;  // weights of a tap
+    Buffer<float> head;  // weights of the channels in the distance; only layers that are compared have them
     int channels = 0;    // number of channels after this layer
   };
   // Need contains the sizes of the buffers for images of a given size, in floats except for product_bytes.

@@ -356,8 +356,8 @@ const ListTotals& UncountedView::totals() {
   return totals_;
 }
 
-// GPU stages with a backward pass only write slots, masks and states if their buffers are passed. CPU kernels
-// of such stages always write slots and masks, so they always get the buffers.
+// In stages with a backward pass, GPU kernels write slots, masks and states only if their buffers are passed.
+// CPU kernels always write slots and masks, so they always get the buffers.
 RasterForward Renderer::last_lists() const {
   const bool keeps = for_backward_ || keeps_lists_ || !divides_lists();
   return {.shape = shape_,

@@ -269,7 +269,7 @@ std::string field_domain(const FieldValue& field) {
                [&](std::string*) { return std::string(field.choices ? field.choices : "text"); },
                [&](Background*) {
                  return "auto, three numbers r,g,b" + range +
-                        ", white, black, gray, #rrggbb, the 27 numbers of a sky, learn, or sky";
+                        ", white, black, gray, #rrggbb, the 27 coefficients of a learnt sky, learn, or sky";
                },
                [&](IndexRange*) {
                  return fmt::format("FIRST:END:STEP{}{}", range,

@@ -21,7 +21,7 @@ using FieldValues = std::span<const FieldValue>;
 // Returns the value as a text that set_field() and the YAML reader accept. Numbers have the fewest digits
 // that give the same number again. Automatic values are "auto", and colours are "r,g,b".
 std::string field_text(const FieldValue& field);
-// Returns "r,g,b", the 27 numbers of a sky, "learn", "sky" or "auto".
+// Returns "r,g,b", "learn", "sky", "auto", or the 27 coefficients of a learnt sky (method.md 4.11).
 std::string to_string(const Background& background);
 // Returns a description of the allowed values, for help texts and messages: "integer 1 to 8", "auto or number
 // >= 0", "cpu|gpu".

@@ -11,7 +11,8 @@ namespace ubs {
 namespace {
 
 // Raw values of a splat that has practically no effect. Its opacity is 2e-9, which is far below 5e-3, the
-// limit below which a splat counts as dead. Its support radius is 4.5e-5, and its query scales are 1.
+// limit below which a splat counts as dead. Its support radius is 4.5e-5, and its scales in the query
+// dimensions are 1.
 constexpr float kDeadOpacity = -20, kDeadScale = -10, kUnitScale = 0.541325f;
 
 float dead_value(const ParameterLayout& layout, int row, float present) {

@@ -13,7 +13,7 @@ namespace ubs {
 
 // Returns settings for measuring the time of the training steps that `settings` describe. A run with the
 // returned settings does not refine, so its number of splats, which must be at most `most`, stays the same.
-// It has so many iterations that it does not end before the measurement.
+// It has so many iterations that the measurement never reaches its end.
 TrainSettings measuring_settings(TrainSettings settings, std::size_t most);
 
 // Returns the milliseconds per step for each level of the image pyramid, for steps that start from `state`.

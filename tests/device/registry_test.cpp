@@ -85,7 +85,7 @@ TEST_CASE("without CUDA devices, a request selects an OpenCL device or is an err
   CHECK(!test::message_of([] { choose_device({}, ""); }, ErrorKind::device).empty());
 }
 
-TEST_CASE("UBS_DEVICE selects the device if the user has selected none by option", "[registry]") {
+TEST_CASE("UBS_DEVICE selects the device if no option does", "[registry]") {
   ::setenv("UBS_DEVICE", "opencl:cpu", 1);
   CHECK(choose_device(kCardAndCpu, "") == 1);
   CHECK(choose_device(kCardAndCpu, "gpu") == 0);

@@ -12,7 +12,7 @@ folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT
 mkdir "$folder/icd"
 for icd in /etc/OpenCL/vendors/pocl.icd "$tools/icd/$driver/$driver.icd"; do
-  [ -e "$icd" ] || { echo "SKIPPED: $icd is missing; run tools/setup.sh gates (intel: with UBS_GATES=intel)"; exit 77; }
+  [ -e "$icd" ] || { echo "SKIPPED: $icd is missing; run tools/setup.sh gates; for Intel, set UBS_GATES=intel"; exit 77; }
   cp "$icd" "$folder/icd"
 done
 # With two threads, PoCL uses the same kernels as the other tests on the CI machine. These kernels are already in the

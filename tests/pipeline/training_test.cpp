@@ -59,10 +59,10 @@ TEST_CASE("two training runs with the same seed give identical bits", "[training
     }
 }
 
-// Compares the two values of the setting list_counts. With `bound`, a step starts with the capacity of the
-// lists of intersections that earlier views needed, and is repeated if it was too small. Here, this happens
-// repeatedly, because the number of splats grows by a factor of five, and views differ. With `wait`, a step
-// waits for the size of its lists.
+// Compares the two values of the setting list_counts. With `bound`, the lists of intersections have room
+// for as many entries as earlier views needed, and a step is repeated if this is too small. Here, this
+// happens several times, because the number of splats grows by a factor of five, and views differ. With
+// `wait`, a step waits for the size of its lists.
 TEST_CASE("training with list_counts = bound gives the same bits as with list_counts = wait",
           "[training][determinism]") {
   const Data data = synthetic("glossy", 40, 10);

@@ -32,7 +32,7 @@ std::array<S, 3> balanced(const ColourBalance<S>& balance, const std::array<S, 3
 }
 
 // Converts the 12 numbers of a view: for each of the three output channels, three factors and an offset. The
-// factor of the channel itself is stored as its logarithm.
+// factor from a channel to itself is stored as its logarithm.
 template <typename S>
 ColourBalance<S> balance_of(std::span<const S, 12> rows) {
   ColourBalance<S> b;

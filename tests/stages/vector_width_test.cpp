@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tests vector widths that ubs uses on other machines (8 with AVX2, 4 with NEON and SSE, 1 on GPUs) on the
-// available device: the gradient of a view must be equal to the one for the device's own width, except for
+// Tests the vector widths that ubs uses on other devices: 8 with AVX2, 4 with NEON and SSE, 1 on GPUs. With
+// each of them, the gradient of a view must be equal to the one for the device's own width, except for
 // rounding.
 #include <catch2/catch.hpp>
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Tests the commands `ubs render --path` and `ubs render --lens`: images and videos along camera paths, and
-// panoramas and fisheye images. The splats of a model have the same dimension, or several different ones.
-// Also tests `ubs eval` with panoramas.
+// panoramas and fisheye images. There are models whose splats all have the same number of dimensions, and
+// models with several. Also tests `ubs eval` with panoramas.
 #include <catch2/catch.hpp>
 
 #include "host/base/json.hpp"

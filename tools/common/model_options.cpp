@@ -126,10 +126,10 @@ RunData use_run_data(const std::string& model, std::string& data) {
   std::string why = "does not exist";
   for (const std::filesystem::path& place : data_places(named, folder)) {
     if (!path_exists(place)) continue;
-    why = "contains other cameras, names or images than the run was trained on";
+    why = "contains other cameras, names or images than the data that the run was trained on";
     try {
       if (print && !trained_on(place)) continue;
-    } catch (const Error& error) {  // not the run's data; these may be at the next place
+    } catch (const Error& error) {  // not the data of the run, which may be at the next place
       if (error.kind() != ErrorKind::data) throw;
       why = fmt::format("cannot be used ({})", error.what());
       continue;

@@ -21,8 +21,9 @@ ImageSize parse_size(const std::string& option, const std::string& text);
 Vec3 parse_vector(const std::string& option, const std::string& text);
 
 inline constexpr const char* kUpHelp =
-    "up direction of the scene: a vector, or an axis such as -y [with cameras, their mean up direction; "
-    "otherwise, with a floor, the direction away from it; otherwise z (-y for third-party files)]";
+    "up direction of the scene: a vector, or an axis such as -y [the mean up direction of the cameras, if "
+    "there "
+    "are any; or the direction away from the floor, if the splats have one; or z (-y for third-party files)]";
 // Returns the hints for scene_frame() that the model file contains: the up direction, if it states one.
 FrameHints frame_hints(const LoadedModel& model);
 

@@ -30,7 +30,8 @@ void silence_out();
 // Thrown by print_out() if stdout has no reader. The user gets no error message.
 struct ReaderGone {};
 
-// Prints to stdout. Throws Error(data) or ReaderGone unless files_before_output() was called.
+// Prints to stdout. If this fails, throws Error(data), or ReaderGone if the reader of stdout has gone away.
+// Throws nothing if files_before_output() was called.
 void print_out(std::string_view text);
 // Prints to stderr. Never fails.
 void print_err(std::string_view text) noexcept;

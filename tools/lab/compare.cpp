@@ -58,8 +58,8 @@ double milliseconds(const std::function<void()>& action) {
   return watch.milliseconds();
 }
 
-// ViewRun runs the forward pass, the loss and the backward pass of one view, like a training iteration up to
-// the gradient of the parameters.
+// ViewRun runs the forward pass, the loss and the backward pass of one view, as a training iteration does.
+// The result is the gradient of the parameters.
 class ViewRun {
  public:
   ViewRun(ModelSession& session, const Inputs& in, std::uint32_t view)

@@ -1,15 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
 // This is the main program of the executable `ubs-lab`, which measures ubs. It measures errors against
-// float64 together with times, runs numerically difficult and extreme cases, and compares devices and back
-// ends.
+// float64 and the times of the same operations, runs numerically difficult and extreme cases, and compares
+// devices and back ends.
 #include "tools/lab/lab_commands.hpp"
 
 namespace {
 
 constexpr const char* kExitCodes =
-    "Exit codes: those of ubs, and 8 slower than the baseline (bench), 9 a case failed (stress), 130 "
-    "interrupted\n"
-    "(bench, accuracy and stress keep the results so far).";
+    "Exit codes: those of ubs, and 8: slower than the baseline (bench); 9: a case failed (stress); 130:\n"
+    "interrupted (bench, accuracy and stress keep the results so far).";
 
 using namespace ubs::tools;
 
@@ -32,7 +31,7 @@ constexpr CommandEntry kCommands[] = {
 
 int main(int argc, char** argv) {
   const Program program{
-      "ubs-lab", "ubs-lab: measures errors and times of universal beta splatting, extreme cases and devices.",
+      "ubs-lab", "ubs-lab: measures the errors and times of ubs, tests extreme cases, and compares devices.",
       kExitCodes, kCommands};
   return run_program(program, argc, argv);
 }

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The functions of this file format the table of `ubs-lab accuracy`, which shows errors and times, as text,
-// CSV and JSON.
+// These functions format the table of `ubs-lab accuracy`, which contains errors and times. Its formats are
+// text, CSV and JSON.
 #pragma once
 
 #include <nlohmann/json_fwd.hpp>

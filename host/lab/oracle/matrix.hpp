@@ -115,9 +115,9 @@ std::vector<S> forward_substitution(const Matrix<S>& lower, std::span<const S> r
   return result;
 }
 
-// Minimum pivot of the query factor (kernels/limits.h). Query scales are clamped, so only a row of zeros has
-// a smaller pivot. A pivot below kPivotNoise times the length of its row consists only of rounding errors of
-// single precision.
+// Minimum pivot of the factor of the covariance of the query dimensions (kernels/limits.h). Query scales are
+// clamped, so only a row of zeros has a smaller pivot. A pivot below kPivotNoise times the length of its row
+// consists only of rounding errors of single precision.
 inline constexpr double kPivotAbsolute = 1e-30, kPivotNoise = 1e-7;
 
 // LowerOrthogonal is the factorisation B = L Q, where the rows of Q are orthonormal. It is computed by

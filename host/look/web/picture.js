@@ -16,7 +16,7 @@ void main() {
   shape = a0;
   look = vec4(a1.xyz, a2.w);
   colour = depth ? vec3(a1.w) : a2.rgb;
-  // Draw the square around the circle r = reach in the coordinates of the ellipse. The square has a margin,
+  // In the coordinates of the ellipse, draw the square around the circle with r = reach. The square has a margin,
   // because its corners are rounded to fractions of a pixel.
   vec2 corner = vec2(gl_VertexID & 1, gl_VertexID >> 1) * 2.0 - 1.0;
   vec2 p = corner * (sqrt(a2.w) + 0.2 * vec2(a0.z + abs(a0.w), a1.x));
