@@ -100,8 +100,9 @@ LoadedScene load_packed(const std::filesystem::path& file, const DatasetOptions&
 
 // Throws Error(usage) if one of --images, --colmap-model, --test-every and --frames is not listed in `used`
 // and has a value other than its default, because this value would be ignored. --test-every 0 and
-// --test-every 8 are always accepted. For packed files, this function is only called with settings that the
-// user has set, because the settings of a run are also used with a packed copy of its data.
+// --test-every 8 are always accepted. Packed files ignore these settings if they come from the record of a
+// run, because a run may be repeated with a packed copy of its data. So for packed files, this function is
+// called only with settings that the user has set.
 void refuse_unused(const DatasetOptions& options, std::string_view layout, std::string_view used);
 
 // Converts cameras from coordinates relative to `from` to coordinates relative to `to`. Both are positions in

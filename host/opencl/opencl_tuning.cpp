@@ -39,9 +39,9 @@ const std::vector<TunedConstant>& tuned_constants() {
       // The values must be multiples of 32 and at most 256, the number of work-items of a tile.
       {"UBS_BACKWARD_BATCH", 128, {32, 64, 256}, "gpu/raster_backward.cl", gpu, {"raster_backward"}},
       {"UBS_BACKWARD_TURN", 32, {16}, "gpu/raster_backward.cl", gpu, {"raster_backward"}},
-      // This constant selects the mechanism with which work-items exchange values (exchange.hpp). If
-      // work-items can exchange values, the host sets the constant, unless it is tuned to 0. Otherwise it is
-      // always 0.
+      // This constant selects the mechanism with which work-items exchange values (exchange.hpp). It is 0 if
+      // the
+      // device has no such mechanism, or if the tuned value is 0. Otherwise the host chooses the mechanism.
       {"UBS_SUBGROUPS", 0, {0, 1}, "gpu/exchange.h", gpu, {"raster_backward"}},
       {"UBS_SUM_GROUP_GPU", 64, {32, 128, 256}, "gpu/sum_slots.cl", gpu, {"sum_slots"}},
       {"UBS_LOSS_TILE_GPU", 32, {16, 48, 64}, "gpu/loss.cl", gpu, {"image_loss"}},
