@@ -124,8 +124,18 @@ using MetricKernels = KernelTable<LoadImageKernel, Im2colKernel, BiasReluKernel,
 MetricKernels metric_kernels();
 
 // ListKernels contains the kernels of list_kernels.cu that build the tile lists. They have one thread per
-// element.
+// element. TileKernels contains those that depend on the type of the keys of the sort by tile, u16 or u32.
 constexpr unsigned kListBlock = 256;
+template <typename Key>
+struct TileKernels {
+  Kernel<void(const u32* order, const u32* firsts, u32 most_drawn, const u32* drawn, u32 most_pairs,
+              const u32* pairs, const u32* tile_rects, u32 tiles_x, Key* tiles, u32* ids, u32* long_lists)>
+      emit;
+  Kernel<void(const Key* tiles_sorted, const u32* ids, u32 most_pairs, const u32* pairs, u32 tiles,
+              u32 tiles_x, const u32* tile_rects, const u32* slot_offsets, u32* slots, u32* tile_ranges,
+              u32* long_lists)>
+      finish;
+};
 struct ListKernels {
   Kernel<void(const u32* tile_counts, const u32* depth_keys, u32 count, u32 bits, const u64* before,
               u32* visible_ids, u32* keys, u32* slot_offsets, u64* totals)>
@@ -133,13 +143,8 @@ struct ListKernels {
   Kernel<FitListsKernel> fit;
   Kernel<void(const u32* order, u32 most, const u32* counted, const u32* tile_rects, u32* areas)>
       gather_areas;
-  Kernel<void(const u32* order, const u32* firsts, u32 most_drawn, const u32* drawn, u32 most_pairs,
-              const u32* pairs, const u32* tile_rects, u32 tiles_x, u32* tiles, u32* ids, u32* long_lists)>
-      emit;
-  Kernel<void(const u32* tiles_sorted, const u32* ids, u32 most_pairs, const u32* pairs, u32 tiles,
-              u32 tiles_x, const u32* tile_rects, const u32* slot_offsets, u32* slots, u32* tile_ranges,
-              u32* long_lists)>
-      finish;
+  TileKernels<u16> narrow;
+  TileKernels<u32> wide;
 };
 ListKernels list_kernels();
 // Returns the compute capabilities that the kernels were compiled for, in ascending order, for example 90 for

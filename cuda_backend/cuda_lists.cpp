@@ -5,6 +5,7 @@
 #include <bit>
 
 #include "cuda_backend/grid.hpp"
+#include "host/device/stage_sizes.hpp"
 
 namespace ubs::cuda {
 namespace {
@@ -38,7 +39,7 @@ ListTotals Lists::run(const CountLists& lists) {
   }
   if (!waits) {
     fit(lists);
-    return {lists.count, lists.room};
+    return lists.room;
   }
   std::array<std::uint64_t, 2> totals{};
   totals_.download(std::span<std::uint64_t>(totals));
@@ -49,8 +50,9 @@ void Lists::fit(const CountLists& lists) {
   reserve(device_, drawn_, "tile list sums", 1);
   reserve(device_, pairs_, "tile list sums", 1);
   const dim3 all = grid(std::max(lists.count, 1u));
-  device_.launch("fit_lists", kernels_.fit, all, kListBlock, lists.totals, lists.room, lists.count,
-                 all.x * kListBlock, lists.tile_counts, drawn_.view(), pairs_.view());
+  device_.launch("fit_lists", kernels_.fit, all, kListBlock, lists.totals, lists.room.visible,
+                 lists.room.intersections, lists.count, all.x * kListBlock, lists.tile_counts, drawn_.view(),
+                 pairs_.view());
 }
 
 void Lists::run(const BuildLists& lists) {
@@ -64,7 +66,10 @@ void Lists::run(const BuildLists& lists) {
   const Job job = lists.bounded ? Job{lists, {drawn, drawn_.view()}, {pairs, pairs_.view()}}
                                 : Job{lists, {drawn}, {pairs}};
   if (drawn > 0) sort_by_depth(drawn);
-  place(job);
+  if (lists.shape.tiles() <= stage_sizes::kMaxNarrowTiles)
+    place(job, kernels_.narrow);
+  else
+    place(job, kernels_.wide);
 }
 
 void Lists::sort_by_depth(u32 splats) {
@@ -77,13 +82,16 @@ void Lists::sort_by_depth(u32 splats) {
   });
 }
 
-void Lists::place(const Job& job) {
+template <typename Key>
+void Lists::place(const Job& job, const TileKernels<Key>& kernels) {
   const BuildLists& lists = job.lists;
   const u32 drawn = job.drawn.most, pairs = job.pairs.most;
   const auto tiles = static_cast<u32>(lists.shape.tiles()), tiles_x = static_cast<u32>(lists.shape.tiles_x());
-  reserve(device_, tiles_sorted_, "sorted tiles", pairs);
+  constexpr std::size_t kEach = sizeof(u32) / sizeof(Key);  // keys per word
+  const auto keys = [&](Buffer<u32>& buffer) { return BufferView<Key>{buffer.view().memory, pairs}; };
+  reserve(device_, tiles_sorted_, "sorted tiles", (pairs + kEach - 1) / kEach);
   if (drawn > 0 && pairs > 0) {
-    reserve(device_, tiles_, "tiles to sort", pairs);
+    reserve(device_, tiles_, "tiles to sort", (pairs + kEach - 1) / kEach);
     reserve(device_, pair_ids_, "splats to sort", pairs);
     // The depth keys are no longer needed, so their two buffers are reused: `areas` receives the number of
     // tiles of each splat, and `firsts` the index of the first intersection of each splat.
@@ -93,17 +101,17 @@ void Lists::place(const Job& job) {
     device_.algorithm("place_scan", [&](Workspace& workspace) {
       return scan_exclusive(workspace, pointer_of(areas), pointer_of(firsts), drawn, device_.stream());
     });
-    device_.launch("emit_intersections", kernels_.emit, grid(pairs), kListBlock, order_.view(), firsts, drawn,
-                   job.drawn.counted, pairs, job.pairs.counted, lists.tile_rects, tiles_x, tiles_.view(),
+    device_.launch("emit_intersections", kernels.emit, grid(pairs), kListBlock, order_.view(), firsts, drawn,
+                   job.drawn.counted, pairs, job.pairs.counted, lists.tile_rects, tiles_x, keys(tiles_),
                    pair_ids_.view(), lists.long_lists);
     device_.algorithm("sort_tiles", [&](Workspace& workspace) {
-      return sort_pairs(workspace, pointer_of(tiles_.view()), pointer_of(tiles_sorted_.view()),
+      return sort_pairs(workspace, pointer_of(keys(tiles_)), pointer_of(keys(tiles_sorted_)),
                         pointer_of(pair_ids_.view()), pointer_of(lists.sorted_ids), pairs, 0,
                         std::max(1, static_cast<int>(std::bit_width(tiles - 1))), device_.stream());
     });
   }
-  device_.launch("finish_lists", kernels_.finish, grid(pairs + std::uint64_t{1}), kListBlock,
-                 tiles_sorted_.view(), lists.sorted_ids, pairs, job.pairs.counted, tiles, tiles_x,
+  device_.launch("finish_lists", kernels.finish, grid(pairs + std::uint64_t{1}), kListBlock,
+                 keys(tiles_sorted_), lists.sorted_ids, pairs, job.pairs.counted, tiles, tiles_x,
                  lists.tile_rects, lists.slot_offsets, lists.sorted_slots, lists.tile_ranges,
                  lists.long_lists);
 }

@@ -32,16 +32,18 @@ class Lists {
   };
   void fit(const CountLists& lists);
   void sort_by_depth(u32 splats);  // writes order_
-  void place(const Job& job);
+  template <typename Key>
+  void place(const Job& job, const TileKernels<Key>& kernels);
 
   CudaDevice& device_;
   ListKernels kernels_;
   Buffer<u64> before_;  // packed counts (AddCounts)
   Buffer<std::uint64_t> totals_;
-  Buffer<u32> drawn_, pairs_;                    // one element each; only used with upper bounds
-  Buffer<u32> visible_;                          // indices of the splats to sort, in ascending order
-  Buffer<u32> keys_, keys_sorted_, order_;       // for the visible splats
-  Buffer<u32> tiles_, tiles_sorted_, pair_ids_;  // for the intersections
+  Buffer<u32> drawn_, pairs_;               // one element each; only used with upper bounds
+  Buffer<u32> visible_;                     // indices of the splats to sort, in ascending order
+  Buffer<u32> keys_, keys_sorted_, order_;  // for the visible splats
+  Buffer<u32> tiles_, tiles_sorted_;        // for the intersections; one or two keys per word
+  Buffer<u32> pair_ids_;                    // for the intersections
 };
 
 }  // namespace ubs::cuda

@@ -32,10 +32,13 @@ cudaError_t scan_inclusive(Workspace& workspace, const u32* in, u64* out, u32 co
                                        thrust::make_transform_iterator(in, Widen{}), out, count, stream);
 }
 
-cudaError_t sort_pairs(Workspace& workspace, const u32* keys_in, u32* keys_out, const u32* values_in,
+template <typename Key>
+cudaError_t sort_pairs(Workspace& workspace, const Key* keys_in, Key* keys_out, const u32* values_in,
                        u32* values_out, u32 count, int first_bit, int last_bit, cudaStream_t stream) {
   return cub::DeviceRadixSort::SortPairs(workspace.data, workspace.bytes, keys_in, keys_out, values_in,
                                          values_out, count, first_bit, last_bit, stream);
 }
+template cudaError_t sort_pairs(Workspace&, const u16*, u16*, const u32*, u32*, u32, int, int, cudaStream_t);
+template cudaError_t sort_pairs(Workspace&, const u32*, u32*, const u32*, u32*, u32, int, int, cudaStream_t);
 
 }  // namespace ubs::cuda

@@ -46,8 +46,9 @@ cudaError_t scan_exclusive(Workspace& workspace, const u32* in, u32* out, u32 co
 // Computes out[i] = in[0] + ... + in[i] in 64 bits.
 cudaError_t scan_inclusive(Workspace& workspace, const u32* in, u64* out, u32 count, cudaStream_t stream);
 // Sorts keys with their values in ascending order of the bits first_bit to last_bit - 1 of the keys. The sort
-// is stable. No array may overlap another.
-cudaError_t sort_pairs(Workspace& workspace, const u32* keys_in, u32* keys_out, const u32* values_in,
+// is stable. No array may overlap another. `Key` is u16 or u32.
+template <typename Key>
+cudaError_t sort_pairs(Workspace& workspace, const Key* keys_in, Key* keys_out, const u32* values_in,
                        u32* values_out, u32 count, int first_bit, int last_bit, cudaStream_t stream);
 
 }  // namespace ubs::cuda

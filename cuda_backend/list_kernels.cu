@@ -65,9 +65,10 @@ __global__ void gather_areas(const u32* order, u32 most, const u32* counted, con
 // Writes the intersections, with one thread per intersection, so that the work is balanced for rectangles of
 // any size. Two threads of a block find by bisection the splats of the first and the last intersection of the
 // block. Then each thread finds the splat of its own intersection by bisection between these two.
+template <typename Key>
 __global__ void __launch_bounds__(kListBlock)
     emit_intersections(const u32* order, const u32* firsts, u32 most_drawn, const u32* drawn, u32 most_pairs,
-                       const u32* pairs, const u32* tile_rects, u32 tiles_x, u32* tiles, u32* ids,
+                       const u32* pairs, const u32* tile_rects, u32 tiles_x, Key* tiles, u32* ids,
                        u32* long_lists) {
   __shared__ u32 ends[2];
   const u32 count = listed(most_drawn, drawn), intersections = listed(most_pairs, pairs);
@@ -80,7 +81,7 @@ __global__ void __launch_bounds__(kListBlock)
   __syncthreads();
   if (place == 0 && long_lists) *long_lists = 0;
   if (place >= intersections && place < most_pairs) {
-    tiles[place] = kLargestKey;
+    tiles[place] = static_cast<Key>(kLargestKey);
     ids[place] = 0;
   }
   if (place >= intersections) return;
@@ -88,7 +89,7 @@ __global__ void __launch_bounds__(kListBlock)
   const u32 number = static_cast<u32>(place) - firsts[i], id = order[i];
   const TileRect rect = rect_of(tile_rects, id);
   const u32 width = tile_rect_width(rect), row = number / width;
-  tiles[place] = (rect.y0 + row) * tiles_x + rect.x0 + (number - row * width);
+  tiles[place] = static_cast<Key>((rect.y0 + row) * tiles_x + rect.x0 + (number - row * width));
   ids[place] = id;
 }
 
@@ -98,7 +99,8 @@ __global__ void __launch_bounds__(kListBlock)
 // starts writes the range of this tile and those of the empty tiles before it. A bisection for each tile
 // would take longer (docs/results/2026-11-27-h200-slots.md).
 // Sets *long_lists to 1 if a list has more than kLongList entries. emit_intersections has set it to 0 before.
-__global__ void finish_lists(const u32* tiles_sorted, const u32* ids, u32 most_pairs, const u32* pairs,
+template <typename Key>
+__global__ void finish_lists(const Key* tiles_sorted, const u32* ids, u32 most_pairs, const u32* pairs,
                              u32 tiles, u32 tiles_x, const u32* tile_rects, const u32* slot_offsets,
                              u32* slots, u32* tile_ranges, u32* long_lists) {
   const u32 intersections = listed(most_pairs, pairs);
@@ -118,7 +120,11 @@ __global__ void finish_lists(const u32* tiles_sorted, const u32* ids, u32 most_p
 }  // namespace
 
 ListKernels list_kernels() {
-  return {write_counts, fit_lists, gather_areas, emit_intersections, finish_lists};
+  return {write_counts,
+          fit_lists,
+          gather_areas,
+          {emit_intersections<u16>, finish_lists<u16>},
+          {emit_intersections<u32>, finish_lists<u32>}};
 }
 
 DrawnTable drawn_kernels() { return {mark_drawn, pick_drawn, unpack_drawn, spread_gradient}; }

@@ -46,7 +46,10 @@ Finding check(Device& device, Stages& stages, const ListedSplats& splats, const 
   const std::uint64_t pairs = expected.totals.intersections, room = bounded ? pairs + pairs / 3 : pairs;
   ListsOnDevice on(device, splats, room);
   CountLists count{splats.count(), on.counts.view(), on.keys.view(), on.offsets.view()};
-  if (bounded) count.totals = on.totals.view(), count.room = room;
+  if (bounded) {
+    count.totals = on.totals.view();
+    count.room = {(expected.totals.visible + splats.count()) / 2, room};
+  }
   ListTotals totals = stages.count_lists(count);
   Worst worst(bounded ? "lists of bounded size" : "lists");
   const ListTotals given = totals;

@@ -69,8 +69,8 @@ using McmcCopiesKernel = void(float* params, u32 stride, u32 first, u32 slots, c
                               float* moment1, float* moment2);
 inline constexpr Declared<McmcCopiesKernel> kMcmcCopies{"mcmc_copies"};
 
-using FitListsKernel = void(const u64* totals, u64 room, u32 count, u32 items, u32* tile_counts, u32* drawn,
-                            u32* pairs);
+using FitListsKernel = void(const u64* totals, u64 drawn_room, u64 pairs_room, u32 count, u32 items,
+                            u32* tile_counts, u32* drawn, u32* pairs);
 
 using RasterForwardKernel = void(const float* records, const u32* sorted_ids, const u32* sorted_slots,
                                  const u32* tile_ranges, int tiles_x, int tiles_y, int width, int height,

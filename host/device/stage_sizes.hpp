@@ -26,6 +26,9 @@ inline constexpr std::uint32_t kDigitOfFew = 12, kDigitOfMany = 8;
 // On GPUs, a work-group sorts kGroupBlock elements by digits of kRadixBits bits.
 inline constexpr std::uint32_t kGroupBlock = 2048;  // kRadixBlock of the kernels
 inline constexpr std::uint32_t kRadixBits = 8;      // a work-group has one work-item for each of the 2^8 bins
+// On GPUs, the keys of the sort by tile have 16 bits if the image has at most this number of tiles, and 32
+// bits otherwise.
+inline constexpr int kMaxNarrowTiles = 1 << 16;
 
 // The maps of the loss have a margin of zeros. It has kMapMargin columns, of which 21 are on the left, and
 // kLossRadius rows (the radius of the window) above and below the image.

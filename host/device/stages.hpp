@@ -111,11 +111,12 @@ struct CountLists {
   // out (count): exclusive prefix sums of tile_counts. Not written without a backward pass.
   BufferView<std::uint32_t> slot_offsets;
   // out (2), or empty: number of visible splats, and number of intersections. If this buffer is not empty,
-  // the operation does not wait, and returns the upper bounds `count` and `room` instead of these totals. If
-  // a view has more than `room` (< 2^32) intersections, it is treated as a view without splats: tile_counts
-  // are set to 0, and all later results, including the gradient, are those of an empty view.
+  // the operation does not wait, and returns the upper bounds `room` instead of these totals. If a view has
+  // more visible splats than room.visible (<= count), or more intersections than room.intersections (< 2^32),
+  // it is treated as a view without splats: tile_counts are set to 0, and all later results, including the
+  // gradient, are those of an empty view.
   BufferView<std::uint64_t> totals = {};
-  std::uint64_t room = 0;
+  ListTotals room = {};
 };
 
 // Builds the list of each tile for the view of the last CountLists. The splats of a list are ordered by

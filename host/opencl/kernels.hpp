@@ -102,25 +102,29 @@ inline constexpr Declared<void(const u32* tile_counts, const u32* depth_keys, u3
     kCountSums{"count_sums"};
 inline constexpr Declared<void(u32* histogram, u32 blocks, u32* digits, u64* sums)> kCountRows{"count_rows"};
 inline constexpr Declared<void(u32* tile_counts, const u32* depth_keys, u32 count, const u32* offsets,
-                               const u32* digits, const u64* sums, u64 room, u32* keys, u32* ids,
-                               u32* slot_offsets, u64* totals, u32* drawn, u32* pairs)>
+                               const u32* digits, const u64* sums, u64 drawn_room, u64 pairs_room, u32* keys,
+                               u32* ids, u32* slot_offsets, u64* totals, u32* drawn, u32* pairs)>
     kCountWrite{"count_write"};
 inline constexpr Declared<void(const u32* order, u32 most, const u32* counted, const u32* tile_rects,
                                u32 block, u32* firsts, u32* sums)>
     kAreaSums{"area_sums"};
-inline constexpr Declared<void(const u32* keys, u32 most, const u32* counted, u32 shift, u32* histogram)>
+template <typename Key>
+inline constexpr Declared<void(const Key* keys, u32 most, const u32* counted, u32 shift, u32* histogram)>
     kRadixHistogram{"radix_histogram"};
 inline constexpr Declared<void(u32* histogram, u32 blocks, u32* totals)> kRadixRows{"radix_rows"};
-inline constexpr Declared<void(const u32* keys, const u32* values, const u32* values2, u32 most,
+template <typename Key>
+inline constexpr Declared<void(const Key* keys, const u32* values, const u32* values2, u32 most,
                                const u32* counted, u32 shift, const u32* offsets, const u32* totals,
-                               u32* keys_out, u32* values_out, u32* values2_out)>
+                               Key* keys_out, u32* values_out, u32* values2_out)>
     kRadixScatter{"radix_scatter"};
+template <typename Key>
 inline constexpr Declared<void(const u32* order, const u32* firsts, const u32* sums, u32 block,
                                u32 most_drawn, const u32* drawn, u32 most_pairs, const u32* pairs,
-                               const u32* tile_rects, const u32* slot_offsets, u32 tiles_x, u32* tiles,
+                               const u32* tile_rects, const u32* slot_offsets, u32 tiles_x, Key* tiles,
                                u32* ids, u32* slots, u32* histogram, u32* long_lists)>
     kEmitIntersections{"emit_intersections"};
-inline constexpr Declared<void(const u32* tiles_sorted, u32 most_pairs, const u32* pairs, u32 tiles,
+template <typename Key>
+inline constexpr Declared<void(const Key* tiles_sorted, u32 most_pairs, const u32* pairs, u32 tiles,
                                u32* tile_ranges, u32* long_lists)>
     kFindRanges{"find_ranges"};
 

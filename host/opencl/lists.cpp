@@ -6,6 +6,7 @@
 #include <bit>
 #include <cstring>
 #include <span>
+#include <string>
 #include <utility>
 
 #include "host/device/stage_sizes.hpp"
@@ -42,14 +43,20 @@ constexpr Digits kOfFew{stage_sizes::kDigitOfFew, 13},
 
 Digits digits(std::uint32_t splats) { return splats < stage_sizes::kManySplats ? kOfFew : kOfMany; }
 
-ProgramSpec list_program(const KernelConfig& config) {
+// `tile_key` is the OpenCL type of the keys of the sort by tile. Only the kernels for groups have such keys.
+ProgramSpec list_program(const KernelConfig& config, const std::string& tile_key) {
   ProgramSpec spec{
       {"opencl/group_scan.cl", "map/tile_rect.h", "opencl/radix_block.h", "opencl/tile_lists.cl"},
-      {"-DUBS_SUM=ulong"}};
+      {"-DUBS_SUM=ulong", "-DUBS_TILE_KEY=" + tile_key}};
   if (config.raster == RasterKind::cpu)
     spec = {{"map/tile_rect.h", "map/lists.cl", "opencl/tile_list_chunks.cl"}, {}};
   if (!config.backward) spec.options.push_back("-DUBS_FORWARD_ONLY=1");
   return spec;
+}
+
+ProgramSpec radix_program(const std::string& key) {
+  return {{"opencl/group_scan.cl", "map/tile_rect.h", "opencl/radix_block.h", "opencl/radix_sort.cl"},
+          {"-DUBS_SUM=uint", "-DUBS_KEY=" + key}};
 }
 
 Range grid(std::uint64_t items) { return {round_up(items, kGroupSize)}; }
@@ -61,10 +68,10 @@ Lists::Lists(OpenclDevice& device, const KernelConfig& config)
     : device_(device),
       chunks_(config.raster == RasterKind::cpu),
       core_groups_(device, chunks_ ? cores_for_groups(device) : 0),
-      kernels_(device, core_groups_.program(list_program(config))),
-      radix_(device,
-             {{"opencl/group_scan.cl", "map/tile_rect.h", "opencl/radix_block.h", "opencl/radix_sort.cl"},
-              {"-DUBS_SUM=uint"}}),
+      kernels_(device, core_groups_.program(list_program(config, "ushort"))),
+      wide_kernels_(device, core_groups_.program(list_program(config, "uint"))),
+      narrow_radix_(device, radix_program("ushort")),
+      wide_radix_(device, radix_program("uint")),
       scan_(device, config) {}
 
 template <typename T>
@@ -79,9 +86,9 @@ ListTotals Lists::run(const CountLists& lists) {
 
 void Lists::fit(const CountLists& lists, const Blocks& blocks) {
   for (Words* words : {&drawn_, &pairs_}) reserve(device_, *words, "tile list sums", 1);
-  kernels_[kFitLists](blocks.global(), blocks.group(), lists.totals, lists.room, lists.count,
-                      static_cast<std::uint32_t>(blocks.global().x), lists.tile_counts, drawn_.view(),
-                      pairs_.view());
+  kernels_[kFitLists](blocks.global(), blocks.group(), lists.totals, lists.room.visible,
+                      lists.room.intersections, lists.count, static_cast<std::uint32_t>(blocks.global().x),
+                      lists.tile_counts, drawn_.view(), pairs_.view());
 }
 
 void Lists::run(const BuildLists& lists) {
@@ -96,8 +103,10 @@ void Lists::run(const BuildLists& lists) {
                                 : Job{lists, {drawn}, {pairs}};
   if (chunks_)
     place_by_chunks(job, depth_order_by_chunks(job));
+  else if (lists.shape.tiles() <= stage_sizes::kMaxNarrowTiles)
+    place_by_groups<std::uint16_t>(job, depth_order_by_groups(job), kernels_, narrow_radix_);
   else
-    place_by_groups(job, depth_order_by_groups(job));
+    place_by_groups<std::uint32_t>(job, depth_order_by_groups(job), wide_kernels_, wide_radix_);
 }
 
 // ---- CPUs (by chunks) -------------------------------------------------------------------------------
@@ -126,7 +135,7 @@ ListTotals Lists::count_by_chunks(const CountLists& lists) {
   least_ = 0;
   largest_ = UINT32_MAX;
   fit(lists, blocks);
-  return {lists.count, lists.room};
+  return lists.room;
 }
 
 ListTotals Lists::add_sums(std::span<const std::byte> chunks) {
@@ -227,12 +236,12 @@ ListTotals Lists::count_by_groups(const CountLists& lists) {
   kernels_[kCountRows](Range{(kDigits + 1) * kGroupSize}, kListGroup, histogram,
                        static_cast<std::uint32_t>(blocks.count), digits_.view(), sums_.view());
   kernels_[kCountWrite](blocks.global(), blocks.group(), lists.tile_counts, lists.depth_keys, lists.count,
-                        histogram, digits_.view(), sums_.view(), lists.room, scratch(keys_a_, lists.count),
-                        scratch(ids_a_, lists.count), lists.slot_offsets,
+                        histogram, digits_.view(), sums_.view(), lists.room.visible, lists.room.intersections,
+                        scratch(keys_a_, lists.count), scratch(ids_a_, lists.count), lists.slot_offsets,
                         waits ? totals_.view() : lists.totals,
                         waits ? BufferView<std::uint32_t>{} : drawn_.view(),
                         waits ? BufferView<std::uint32_t>{} : pairs_.view());
-  if (!waits) return {lists.count, lists.room};
+  if (!waits) return lists.room;
   std::array<std::uint64_t, 2> totals{};
   totals_.download(std::span<std::uint64_t>(totals));
   return {totals[0], totals[1]};
@@ -240,16 +249,18 @@ ListTotals Lists::count_by_groups(const CountLists& lists) {
 
 BufferView<std::uint32_t> Lists::depth_order_by_groups(const Job& job) {
   const std::uint32_t most = job.drawn.most;
-  Pairs from{keys_a_.view(), ids_a_.view(), {}};
-  Pairs to{scratch(keys_b_, most), scratch(ids_b_, most), {}};
+  Pairs<std::uint32_t> from{keys_a_.view(), ids_a_.view(), {}};
+  Pairs<std::uint32_t> to{scratch(keys_b_, most), scratch(ids_b_, most), {}};
   for (std::uint32_t shift = stage_sizes::kRadixBits; shift < kKeyBits; shift += stage_sizes::kRadixBits) {
-    radix_pass(from, to, job.drawn, shift, false);
+    radix_pass(wide_radix_, from, to, job.drawn, shift, false);
     std::swap(from, to);
   }
   return from.values;
 }
 
-void Lists::place_by_groups(const Job& job, BufferView<std::uint32_t> order) {
+template <typename Key>
+void Lists::place_by_groups(const Job& job, BufferView<std::uint32_t> order, KernelSet& kernels,
+                            KernelSet& radix) {
   const BuildLists& lists = job.lists;
   const auto tiles = static_cast<std::uint32_t>(lists.shape.tiles());
   const auto tiles_x = static_cast<std::uint32_t>(lists.shape.tiles_x());
@@ -260,24 +271,28 @@ void Lists::place_by_groups(const Job& job, BufferView<std::uint32_t> order) {
   kernels_[kAreaSums](areas.global(), areas.group(), order, job.drawn.most, job.drawn.counted,
                       lists.tile_rects, areas.size, firsts, sums);
 
-  Pairs from{scratch(tiles_a_, pairs), lists.sorted_ids, lists.sorted_slots};
-  Pairs to{scratch(tiles_b_, pairs), scratch(pair_ids_, pairs),
-           lists.sorted_slots.size > 0 ? scratch(pair_slots_, pairs) : BufferView<std::uint32_t>{}};
+  const auto keys = [&](Words& buffer) {
+    constexpr std::size_t kEach = sizeof(std::uint32_t) / sizeof(Key);  // keys per word
+    return BufferView<Key>{scratch(buffer, (pairs + kEach - 1) / kEach).memory, pairs};
+  };
+  Pairs<Key> from{keys(tiles_a_), lists.sorted_ids, lists.sorted_slots};
+  Pairs<Key> to{keys(tiles_b_), scratch(pair_ids_, pairs),
+                lists.sorted_slots.size > 0 ? scratch(pair_slots_, pairs) : BufferView<std::uint32_t>{}};
   const auto bits = static_cast<std::uint32_t>(std::bit_width(tiles - 1));
   // After an even number of passes, the result is in the buffers that the first pass reads. After an odd
   // number, it is in the other buffers.
   if ((bits + stage_sizes::kRadixBits - 1) / stage_sizes::kRadixBits % 2 == 1) std::swap(from, to);
   const Blocks blocks = group_blocks(pairs);
-  kernels_[kEmitIntersections](blocks.global(), blocks.group(), order, firsts, sums, areas.size,
-                               job.drawn.most, job.drawn.counted, job.pairs.most, job.pairs.counted,
-                               lists.tile_rects, lists.slot_offsets, tiles_x, from.keys, from.values,
-                               from.values2, scratch_histogram(blocks), lists.long_lists);
+  kernels[kEmitIntersections<Key>](blocks.global(), blocks.group(), order, firsts, sums, areas.size,
+                                   job.drawn.most, job.drawn.counted, job.pairs.most, job.pairs.counted,
+                                   lists.tile_rects, lists.slot_offsets, tiles_x, from.keys, from.values,
+                                   from.values2, scratch_histogram(blocks), lists.long_lists);
   for (std::uint32_t shift = 0; shift < bits; shift += stage_sizes::kRadixBits) {
-    radix_pass(from, to, job.pairs, shift, shift == 0);
+    radix_pass(radix, from, to, job.pairs, shift, shift == 0);
     std::swap(from, to);
   }
-  kernels_[kFindRanges](grid(tiles + std::uint64_t{1}), kListGroup, from.keys, job.pairs.most,
-                        job.pairs.counted, tiles, lists.tile_ranges, lists.long_lists);
+  kernels[kFindRanges<Key>](grid(tiles + std::uint64_t{1}), kListGroup, from.keys, job.pairs.most,
+                            job.pairs.counted, tiles, lists.tile_ranges, lists.long_lists);
 }
 
 BufferView<std::uint32_t> Lists::scratch_histogram(const Blocks& blocks) {
@@ -285,18 +300,19 @@ BufferView<std::uint32_t> Lists::scratch_histogram(const Blocks& blocks) {
   return scratch(histogram_, blocks.count * kDigits);
 }
 
-void Lists::radix_pass(const Pairs& from, const Pairs& to, const ElementCount& count, std::uint32_t shift,
-                       bool has_histogram) {
+template <typename Key>
+void Lists::radix_pass(KernelSet& radix, const Pairs<Key>& from, const Pairs<Key>& to,
+                       const ElementCount& count, std::uint32_t shift, bool has_histogram) {
   if (count.most == 0) return;
   const Blocks blocks = group_blocks(count.most);
   const BufferView<std::uint32_t> histogram = scratch_histogram(blocks);
   if (!has_histogram)
-    radix_[kRadixHistogram](blocks.global(), blocks.group(), from.keys, count.most, count.counted, shift,
-                            histogram);
-  radix_[kRadixRows](Range{kDigits * kGroupSize}, kListGroup, histogram,
-                     static_cast<std::uint32_t>(blocks.count), digits_.view());
-  radix_[kRadixScatter](blocks.global(), blocks.group(), from.keys, from.values, from.values2, count.most,
-                        count.counted, shift, histogram, digits_.view(), to.keys, to.values, to.values2);
+    radix[kRadixHistogram<Key>](blocks.global(), blocks.group(), from.keys, count.most, count.counted, shift,
+                                histogram);
+  radix[kRadixRows](Range{kDigits * kGroupSize}, kListGroup, histogram,
+                    static_cast<std::uint32_t>(blocks.count), digits_.view());
+  radix[kRadixScatter<Key>](blocks.global(), blocks.group(), from.keys, from.values, from.values2, count.most,
+                            count.counted, shift, histogram, digits_.view(), to.keys, to.values, to.values2);
 }
 
 }  // namespace ubs::opencl

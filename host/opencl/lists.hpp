@@ -44,8 +44,10 @@ class Lists {
     const BuildLists& lists;
     ElementCount drawn, pairs;  // visible splats, intersections
   };
+  template <typename Key>
   struct Pairs {  // input or output of a sort: the keys and up to two payloads
-    BufferView<std::uint32_t> keys, values, values2;
+    BufferView<Key> keys;
+    BufferView<std::uint32_t> values, values2;
   };
 
   template <typename T>
@@ -61,16 +63,21 @@ class Lists {
 
   ListTotals count_by_groups(const CountLists& lists);
   BufferView<std::uint32_t> depth_order_by_groups(const Job& job);
-  void place_by_groups(const Job& job, BufferView<std::uint32_t> order);
+  // `kernels` and `radix` contain the kernels for tile keys of the type Key.
+  template <typename Key>
+  void place_by_groups(const Job& job, BufferView<std::uint32_t> order, KernelSet& kernels, KernelSet& radix);
   BufferView<std::uint32_t> scratch_histogram(const Blocks& blocks);
   // Runs one pass of a radix sort. `has_histogram` is true if the histogram has already been computed.
-  void radix_pass(const Pairs& from, const Pairs& to, const ElementCount& count, std::uint32_t shift,
-                  bool has_histogram);
+  template <typename Key>
+  void radix_pass(KernelSet& radix, const Pairs<Key>& from, const Pairs<Key>& to, const ElementCount& count,
+                  std::uint32_t shift, bool has_histogram);
 
   OpenclDevice& device_;
   bool chunks_;
   CoreGroups core_groups_;
-  KernelSet kernels_, radix_;
+  // The kernels for groups exist for keys of 16 bits (narrow) and of 32 bits (wide). kernels_ contains the
+  // narrow ones, and all kernels for chunks.
+  KernelSet kernels_, wide_kernels_, narrow_radix_, wide_radix_;
   Scan scan_;
   Buffer<std::uint64_t> sums_, totals_;
   Words drawn_, pairs_;  // the values of ElementCount::counted, one element each

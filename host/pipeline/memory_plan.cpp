@@ -107,10 +107,11 @@ class Planner {
     if (q_.raster == RasterKind::gpu)
       per_intersection("parts of long lists",
                        kWord * static_cast<double>(sizes::list_part_floats(q_.depth)) / (kListPart / 2));
+    const double tile = shape_.tiles() <= sizes::kMaxNarrowTiles ? 2 : kWord;
     if (q_.sorts_by_copying)
-      per_intersection("tile sort: tiles three times, splats twice", kWord * 5);
+      per_intersection("tile sort: tiles three times, splats twice", tile * 3 + kWord * 2);
     else if (q_.raster == RasterKind::gpu)
-      per_intersection("tile sort: tiles twice, splats, slots", kWord * (q_.training ? 4 : 3));
+      per_intersection("tile sort: tiles twice, splats, slots", tile * 2 + kWord * (q_.training ? 2 : 1));
   }
 
   // Adds the buffers of the loss. The largest are the maps of the SSIM: three maps per channel, with a margin

@@ -84,10 +84,12 @@ void interleave_row(const float* from, std::size_t plane, std::size_t width, flo
   for (; x < width; ++x) one(x);
 }
 
-// Returns the maximum number of intersections of recent views after another view with `intersections`.
-// `recent` is the previous result. It is reduced by 1/64 per view, which halves it after 44 views.
-std::uint64_t recent_maximum(std::uint64_t recent, std::uint64_t intersections) {
-  return std::max(intersections, recent - recent / 64);
+// Returns the maximum numbers of visible splats and intersections of recent views after another view with the
+// numbers `view`. `recent` is the previous result. It is reduced by 1/64 per view, which halves it after 44
+// views.
+ListTotals recent_maximum(const ListTotals& recent, const ListTotals& view) {
+  return {std::max(view.visible, recent.visible - recent.visible / 64),
+          std::max(view.intersections, recent.intersections - recent.intersections / 64)};
 }
 
 }  // namespace
@@ -290,7 +292,7 @@ ListTotals Renderer::forward(std::span<const RenderGroup> groups, std::uint32_t 
                              const RenderSettings& settings, bool for_backward) {
   // A GPU would be idle while the host waits for the number of intersections. So the host reads this number
   // after it has enqueued all operations of the view.
-  if (!for_backward && device_.info().type != DeviceType::cpu && list_room(false) > 0) {
+  if (!for_backward && device_.info().type != DeviceType::cpu && list_room(false).intersections > 0) {
     UncountedView view = forward_uncounted(groups, camera, settings, false);
     if (view.had_room()) return totals_ = view.totals();
   }
@@ -308,18 +310,22 @@ ListTotals Renderer::list_counted(bool for_backward) {
                                  .tile_counts = tile_counts_.view(),
                                  .depth_keys = depth_keys_.view(),
                                  .slot_offsets = slot_offsets_.view()});
-  recent_ = recent_maximum(recent_, totals_.intersections);
+  recent_ = recent_maximum(recent_, totals_);
   reserve_lists(totals_, for_backward);
   list_and_draw(totals_, false);
   return totals_;
 }
 
-std::uint64_t Renderer::list_room(bool for_backward) const {
-  std::uint64_t room = std::min<std::uint64_t>(sorted_ids_.size(), 0xffffffffu);
-  if (recent_ > 0) room = std::min(room, recent_ + recent_ / 4);
-  if (stages_.config().backward) room = std::min<std::uint64_t>({room, sorted_slots_.size(), masks_.size()});
-  if (divides_lists() && list_states_.size() < stage_sizes::list_state_floats(room)) return 0;
-  return for_backward ? std::min(room, slots_.size()) : room;
+ListTotals Renderer::list_room(bool for_backward) const {
+  ListTotals room{0xffffffffu, std::min<std::uint64_t>(sorted_ids_.size(), 0xffffffffu)};
+  std::uint64_t& pairs = room.intersections;
+  if (recent_.visible > 0) room.visible = recent_.visible + recent_.visible / 4;
+  if (recent_.intersections > 0) pairs = std::min(pairs, recent_.intersections + recent_.intersections / 4);
+  if (stages_.config().backward)
+    pairs = std::min<std::uint64_t>({pairs, sorted_slots_.size(), masks_.size()});
+  if (for_backward) pairs = std::min(pairs, slots_.size());
+  if (divides_lists() && list_states_.size() < stage_sizes::list_state_floats(pairs)) pairs = 0;
+  return room;
 }
 
 UncountedView Renderer::forward_uncounted(const SplatView& splats, std::uint32_t camera,
@@ -330,9 +336,10 @@ UncountedView Renderer::forward_uncounted(const SplatView& splats, std::uint32_t
 
 UncountedView Renderer::forward_uncounted(std::span<const RenderGroup> groups, std::uint32_t camera,
                                           const RenderSettings& settings, bool for_backward) {
-  const std::uint64_t room = list_room(for_backward);
-  if (room == 0) return UncountedView(forward_counted(groups, camera, settings, for_backward));
+  ListTotals room = list_room(for_backward);
+  if (room.intersections == 0) return UncountedView(forward_counted(groups, camera, settings, for_backward));
   begin(groups, camera, settings, for_backward);
+  room.visible = std::min<std::uint64_t>(room.visible, count_);
   reserve(device_, list_totals_, "list totals", 2);
   const ListTotals bounds = stages_.count_lists({.count = count_,
                                                  .tile_counts = tile_counts_.view(),
@@ -350,7 +357,7 @@ const ListTotals& UncountedView::totals() {
     std::array<std::uint64_t, 2> counted{};
     std::memcpy(counted.data(), read_->wait().data(), sizeof counted);
     totals_ = {counted[0], counted[1]};
-    *recent_ = recent_maximum(*recent_, totals_.intersections);
+    *recent_ = recent_maximum(*recent_, totals_);
     read_.reset();
   }
   return totals_;

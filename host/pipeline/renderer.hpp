@@ -60,22 +60,24 @@ class UncountedView {
  public:
   // Creates a view whose intersections were counted before it was rendered.
   explicit UncountedView(const ListTotals& known) : totals_(known) {}
-  // `room` is the capacity of the lists. `recent` is the maximum number of intersections of recent views.
-  // totals() updates `recent`, so that variable must outlive the view.
-  UncountedView(std::uint64_t room, std::unique_ptr<PendingRead> read, std::uint64_t& recent)
+  // `room` contains the maximum numbers of visible splats and intersections that the view may have. `recent`
+  // contains the maxima of recent views. totals() updates `recent`, so that variable must outlive the view.
+  UncountedView(const ListTotals& room, std::unique_ptr<PendingRead> read, ListTotals& recent)
       : room_(room), read_(std::move(read)), recent_(&recent) {}
 
   // Waits until the intersections are counted, but not until the view is rendered.
   const ListTotals& totals();
-  // Returns whether the capacity of the lists was sufficient. If not, the view was rendered as if it had no
-  // splats, and its image and gradient must not be used.
-  bool had_room() { return totals().intersections <= room_; }
+  // Returns whether the view had at most the maximum numbers of visible splats and intersections. If not, it
+  // was rendered as if it had no splats, and its image and gradient must not be used.
+  bool had_room() {
+    return totals().visible <= room_.visible && totals().intersections <= room_.intersections;
+  }
 
  private:
   ListTotals totals_;
-  std::uint64_t room_ = ~std::uint64_t{0};
+  ListTotals room_{~std::uint64_t{0}, ~std::uint64_t{0}};
   std::unique_ptr<PendingRead> read_;  // null after the wait
-  std::uint64_t* recent_ = nullptr;
+  ListTotals* recent_ = nullptr;
 };
 
 class Renderer {
@@ -97,11 +99,11 @@ class Renderer {
   // Splats with equal depths are blended in the order of these numbers.
   ListTotals forward(std::span<const RenderGroup> groups, std::uint32_t camera,
                      const RenderSettings& settings, bool for_backward);
-  // Renders one view for a later call of backward(), without waiting for the size of its lists. The lists can
-  // be up to 1.25 times as long as the longest lists of recent views, if the existing buffers are large
-  // enough. If there are no buffers yet, the call waits like forward(). Image and gradient must not be used
-  // before UncountedView::had_room() has returned true. If had_room() returns false, the caller must render
-  // the view again with forward(), which enlarges the buffers.
+  // Renders one view for a later call of backward(), without waiting for the size of its lists. The view can
+  // have up to 1.25 times as many visible splats and intersections as the maxima of recent views, if the
+  // existing buffers are large enough. If there are no buffers yet, the call waits like forward(). Image and
+  // gradient must not be used before UncountedView::had_room() has returned true. If had_room() returns
+  // false, the caller must render the view again with forward(), which enlarges the buffers.
   UncountedView forward_uncounted(const SplatView& splats, std::uint32_t camera,
                                   const RenderSettings& settings);
   // Computes the gradient of the parameters for the last rendered view from v_image(), the gradient of its
@@ -210,10 +212,12 @@ class Renderer {
   bool divides_lists() const {
     return stages_.config().backward && stages_.config().raster == RasterKind::gpu;
   }
-  // Returns the maximum number of intersections that a view may have if it is rendered before its
-  // intersections are counted. All existing buffers are large enough for this number. It is at most 1.25
-  // times the maximum of recent views, because CUDA also sorts the unused entries of the lists.
-  std::uint64_t list_room(bool for_backward) const;
+  // Returns the maximum numbers of visible splats and intersections that a view may have if it is rendered
+  // before they are counted. They are at most 1.25 times the maxima of recent views, because CUDA also sorts
+  // the unused entries. All existing buffers are large enough for the number of intersections. If this number
+  // is 0, the view cannot be rendered without waiting. The number of visible splats may exceed the number of
+  // all splats.
+  ListTotals list_room(bool for_backward) const;
   ListTotals forward_counted(std::span<const RenderGroup> groups, std::uint32_t camera,
                              const RenderSettings& settings, bool for_backward);
   UncountedView forward_uncounted(std::span<const RenderGroup> groups, std::uint32_t camera,
@@ -227,7 +231,7 @@ class Renderer {
   Buffer<float> records_, v_records_;
   Buffer<std::uint32_t> depth_keys_, tile_rects_, tile_counts_, slot_offsets_;
   Buffer<std::uint64_t> list_totals_;  // (2): the numbers that UncountedView::totals() reads
-  std::uint64_t recent_ = 0;           // result of recent_maximum() in renderer.cpp
+  ListTotals recent_;                  // results of recent_maximum() in renderer.cpp
   Buffer<std::uint32_t> sorted_ids_, sorted_slots_, tile_ranges_, long_lists_;
   Buffer<std::uint16_t> masks_;
   Buffer<float> list_states_;

@@ -4,10 +4,11 @@
 // The first pass of each sort is combined with the kernels that make its keys (tile_lists.cl).
 // The sort is stable: ranks inside a block are prefix sums in the order of the elements, and never depend on the order
 // of atomic operations.
+// UBS_KEY is the type of the keys: uint for depths, and ushort or uint for tiles.
 
 // Counts, for each digit, the elements of each block. The atomic operations only count, so their order has no effect.
 __kernel __attribute__((reqd_work_group_size(kGroup, 1, 1))) void radix_histogram(
-    __global const uint* keys, uint most, __global const uint* counted, uint shift, __global uint* histogram) {
+    __global const UBS_KEY* keys, uint most, __global const uint* counted, uint shift, __global uint* histogram) {
   const uint count = listed(most, counted);
   __local uint bins[kRadixBins];
   const uint me = (uint)get_local_id(0);
@@ -43,9 +44,9 @@ __kernel __attribute__((reqd_work_group_size(kGroup, 1, 1))) void radix_rows(
 // from the input, whose block is still in the cache.
 // values2 and values2_out are optional: either both of them are set, or both are null.
 __kernel __attribute__((reqd_work_group_size(kGroup, 1, 1))) void radix_scatter(
-    __global const uint* keys, __global const uint* values, __global const uint* values2, uint most,
+    __global const UBS_KEY* keys, __global const uint* values, __global const uint* values2, uint most,
     __global const uint* counted, uint shift, __global const uint* offsets, __global const uint* totals,
-    __global uint* keys_out, __global uint* values_out, __global uint* values2_out) {
+    __global UBS_KEY* keys_out, __global uint* values_out, __global uint* values2_out) {
   const uint count = listed(most, counted);
   __local uint entries[kRadixBlock];
   __local ushort counters[kNibble * kGroup];

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // This file contains the kernels that, together with those of radix_sort.cl, build the tile lists on GPUs. They select
 // the visible splats, write (tile, splat, slot) in depth order, and find the first intersection of each tile. They also
-// do the first pass of each sort.
+// do the first pass of each sort. UBS_TILE_KEY is the type of the keys of the sort by tile, ushort or uint.
 
 // For each block of splats, computes the histogram of the first digit of the depth keys of its visible splats, in the
 // layout of radix_histogram, and the number of tiles of these splats (sums[block]).
@@ -60,12 +60,13 @@ UBS_FN ulong packed_counts(uint tiles) { return tiles > 0 ? one_drawn() + tiles 
 // Writes the keys and indices of the visible splats, sorted by the first digit of the key, and the first slot of each
 // splat. `offsets`, `digits` and `sums` are results of count_rows. `totals` receives the numbers of visible splats and
 // of intersections. `drawn` and `pairs` are null if the host waits for the totals. Otherwise they receive the same two
-// numbers for the kernels that follow. If there are more intersections than `room`, they receive 0, and all tile counts
-// are set to 0, so that the view becomes empty (as in fit_lists of map/lists.cl).
+// numbers for the kernels that follow. If one of the numbers is larger than its bound, drawn_room or pairs_room, they
+// receive 0, and all tile counts are set to 0, so that the view becomes empty (as in fit_lists of map/lists.cl).
 __kernel __attribute__((reqd_work_group_size(kGroup, 1, 1))) void count_write(
     __global uint* tile_counts, __global const uint* depth_keys, uint count, __global const uint* offsets,
-    __global const uint* digits, __global const ulong* sums, ulong room, __global uint* keys, __global uint* ids,
-    __global uint* slot_offsets, __global ulong* totals, __global uint* drawn, __global uint* pairs) {
+    __global const uint* digits, __global const ulong* sums, ulong drawn_room, ulong pairs_room,
+    __global uint* keys, __global uint* ids, __global uint* slot_offsets, __global ulong* totals, __global uint* drawn,
+    __global uint* pairs) {
   __local uint entries[kRadixBlock];
   __local ushort counters[kNibble * kGroup];
   __local ulong scratch[kScanRoom];
@@ -75,7 +76,6 @@ __kernel __attribute__((reqd_work_group_size(kGroup, 1, 1))) void count_write(
   const size_t block = group * kRadixBlock, begin = block + me * kRadixItems;
   const size_t end = min(begin + kRadixItems, (size_t)count);
   const ulong tiles = sums[blocks];
-  const int fits = !drawn || tiles <= room;
   ulong mine = 0, total;
   for (size_t i = begin; i < end; i++) mine += packed_counts(tile_counts[i]);
   bins[me] = 0;
@@ -92,7 +92,6 @@ __kernel __attribute__((reqd_work_group_size(kGroup, 1, 1))) void count_write(
     }
     if (!UBS_FORWARD_ONLY) slot_offsets[i] = (uint)slot;
     slot += of_splat;
-    if (!fits) tile_counts[i] = 0;
   }
   for (uint i = size + me; i < kRadixBlock; i += kGroup) entries[i] = kRadixMask << 16;  // padding, as in radix_scatter
   const uint visible = place_block(entries, counters, scratch, bins, offsets, digits);
@@ -102,6 +101,9 @@ __kernel __attribute__((reqd_work_group_size(kGroup, 1, 1))) void count_write(
     keys[to] = depth_keys[from];
     ids[to] = (uint)from;
   }
+  const int fits = !drawn || (visible <= drawn_room && tiles <= pairs_room);
+  if (!fits)
+    for (size_t i = begin; i < end; i++) tile_counts[i] = 0;
   if (group > 0 || me > 0) return;
   totals[0] = visible;
   totals[1] = tiles;
@@ -157,8 +159,8 @@ UBS_FN uint block_of(__local const uint* starts, uint low, uint high, uint place
 __kernel __attribute__((reqd_work_group_size(kGroup, 1, 1))) void emit_intersections(
     __global const uint* order, __global const uint* firsts, __global const uint* sums, uint block, uint most_drawn,
     __global const uint* drawn, uint most_pairs, __global const uint* pairs, __global const uint2* tile_rects,
-    __global const uint* slot_offsets, uint tiles_x, __global uint* tiles, __global uint* ids, __global uint* slots,
-    __global uint* histogram, __global uint* long_lists) {
+    __global const uint* slot_offsets, uint tiles_x, __global UBS_TILE_KEY* tiles, __global uint* ids,
+    __global uint* slots, __global uint* histogram, __global uint* long_lists) {
   __local ulong scratch[kScanRoom];
   __local uint starts[kAreaBlocks];  // index of the first intersection of each block of area_sums
   __local uint bins[kRadixBins], ends[2], end_blocks[2];
@@ -190,7 +192,7 @@ __kernel __attribute__((reqd_work_group_size(kGroup, 1, 1))) void emit_intersect
     const TileRect rect = tile_rect(tile_rects[id]);
     const uint width = tile_rect_width(rect), row = number / width;
     const uint tile = (rect.y0 + row) * tiles_x + rect.x0 + (number - row * width);
-    tiles[place] = tile;
+    tiles[place] = (UBS_TILE_KEY)tile;
     ids[place] = id;
     if (slots) slots[place] = slot_offsets[id] + number;
     atomic_inc(&bins[tile & kRadixMask]);
@@ -202,7 +204,7 @@ __kernel __attribute__((reqd_work_group_size(kGroup, 1, 1))) void emit_intersect
 // Finds the start of each tile's list by bisection. This also works for empty tiles. Sets *long_lists to 1 if a list
 // has more than kLongList entries; emit_intersections has set it to 0 before.
 __kernel __attribute__((reqd_work_group_size(kGroup, 1, 1))) void find_ranges(
-    __global const uint* tiles_sorted, uint most_pairs, __global const uint* pairs, uint tiles,
+    __global const UBS_TILE_KEY* tiles_sorted, uint most_pairs, __global const uint* pairs, uint tiles,
     __global uint* tile_ranges, __global uint* long_lists) {
   const uint intersections = listed(most_pairs, pairs);
   const size_t tile = get_global_id(0);

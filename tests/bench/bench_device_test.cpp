@@ -107,9 +107,13 @@ TEST_CASE("memory plan: bytes per splat, pixel and intersection", "[memory]") {
   CHECK(render.each(MemoryUnit::pixel) == 16);
   CHECK(render.each(MemoryUnit::intersection) == 4);
   CHECK(render.total() < plan.total());
-  const MemoryPlan copying =
-      plan_memory({.dim = 6, .training = false, .raster = RasterKind::gpu, .sorts_by_copying = true});
-  CHECK(copying.each(MemoryUnit::intersection) == 4 + 10 + 20);
+  // The keys of the sort by tile have 2 bytes up to 65536 tiles, and 4 bytes beyond.
+  MemoryQuestion card{.dim = 6, .width = 4096, .height = 4096, .training = false, .raster = RasterKind::gpu};
+  CHECK(plan_memory(card).each(MemoryUnit::intersection) == 4 + 10 + 2 * 2 + 4);
+  card.sorts_by_copying = true;
+  CHECK(plan_memory(card).each(MemoryUnit::intersection) == 4 + 10 + 3 * 2 + 2 * 4);
+  card.width = 4097;
+  CHECK(plan_memory(card).each(MemoryUnit::intersection) == 4 + 10 + 3 * 4 + 2 * 4);
   CHECK(summary(plan).find("MiB") != std::string::npos);
 }
 

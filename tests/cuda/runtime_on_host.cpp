@@ -196,7 +196,8 @@ cudaError_t scan_inclusive(Workspace& workspace, const u32* in, u64* out, u32 co
                    [=] { std::inclusive_scan(in, in + count, out, std::plus<>(), u64{0}); });
 }
 
-cudaError_t sort_pairs(Workspace& workspace, const u32* keys_in, u32* keys_out, const u32* values_in,
+template <typename Key>
+cudaError_t sort_pairs(Workspace& workspace, const Key* keys_in, Key* keys_out, const u32* values_in,
                        u32* values_out, u32 count, int first_bit, int last_bit, cudaStream_t stream) {
   return algorithm(workspace, stream, [=] {
     const u32 mask = (last_bit >= 32 ? ~0u : (1u << last_bit) - 1u) & ~((1u << first_bit) - 1u);
@@ -210,5 +211,7 @@ cudaError_t sort_pairs(Workspace& workspace, const u32* keys_in, u32* keys_out, 
     }
   });
 }
+template cudaError_t sort_pairs(Workspace&, const u16*, u16*, const u32*, u32*, u32, int, int, cudaStream_t);
+template cudaError_t sort_pairs(Workspace&, const u32*, u32*, const u32*, u32*, u32, int, int, cudaStream_t);
 
 }  // namespace ubs::cuda

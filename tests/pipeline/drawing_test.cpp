@@ -3,9 +3,13 @@
 // the sizes of the lists of intersections, using buffers with the capacity that earlier views needed. The
 // results must equal those of a renderer that waits for the sizes, even if the capacity turns out to be too
 // small.
+#include <algorithm>
 #include <array>
 #include <catch2/catch.hpp>
 #include <set>
+#include <span>
+#include <utility>
+#include <vector>
 
 #include "host/lab/bench/bench_scene.hpp"
 #include "host/pipeline/capture_stages.hpp"
@@ -111,7 +115,7 @@ TEST_CASE("the capacity of lists that the host does not count is slightly larger
     const auto room_after = [&](const DeviceModel& model) {
       UncountedView view = renderer.forward_uncounted(model.view(), 0, {});
       CHECK(view.had_room());
-      return stages.last<CountLists>().room;
+      return stages.last<CountLists>().room.intersections;
     };
     const std::uint64_t most = renderer.forward(large.view(), 0, {}, true).intersections;
     const std::vector<float> expected = renderer.download().rgb;
@@ -125,6 +129,57 @@ TEST_CASE("the capacity of lists that the host does not count is slightly larger
     CHECK(renderer.download().rgb == expected);
     CHECK(room_after(large) >= most);
   }
+}
+
+// Renders a camera that sees few splats, each of which intersects many tiles, and then a camera that sees
+// many splats with fewer intersections in total.
+TEST_CASE("a view with many more visible splats than recent views is rendered again, even if its lists fit",
+          "[renderer]") {
+  const bench::BenchScene scene = bench::random_start(3, 3000, 64, 64);
+  const Camera wide = scene.views.views[0].camera;
+  Camera zoomed = wide;  // four times the pixels in each direction, and a quarter of the field of view
+  zoomed.width *= 4, zoomed.height *= 4;
+  zoomed.cx *= 4, zoomed.cy *= 4;
+  zoomed.fx *= 16, zoomed.fy *= 16;
+  for (const auto& device : devices_under_test())
+    for (const RasterKind raster : rasters_of(*device)) {
+      INFO(describe(device->info()) << (raster == RasterKind::cpu ? ", cpu kernels" : ", gpu kernels"));
+      CaptureStages stages(make_stages(*device, {.dim = 3, .raster = raster}));
+      const DeviceModel model(*device, scene.model);
+      // Returns the image of the last view and the gradient for v_image = 1.
+      const auto result = [&](Renderer& renderer) {
+        const std::vector<float> v_image(3 * renderer.shape().plane(), 1.0f);
+        device->write(*renderer.v_image().memory, 0, std::as_bytes(std::span(v_image)));
+        Buffer<float> v_params(*device, "gradients", std::size_t{model.stride()} * model.rows());
+        v_params.zero();
+        renderer.backward(v_params.view(), false);
+        return std::pair(renderer.download().rgb, v_params.download());
+      };
+      Renderer renderer(*device, stages), fresh(*device, stages);
+      for (Renderer* each : {&renderer, &fresh}) each->set_cameras({zoomed, wide});
+      const ListTotals many = fresh.forward(model.view(), 1, {}, true);
+      const auto expected = result(fresh);
+      REQUIRE(std::ranges::any_of(expected.second, [](float value) { return value != 0; }));
+
+      const ListTotals few = renderer.forward(model.view(), 0, {}, true);
+      const auto of_few = result(renderer);
+      REQUIRE(few.visible + few.visible / 4 < many.visible);
+      REQUIRE(few.intersections >= many.intersections);
+      CHECK(renderer.forward_uncounted(model.view(), 0, {}).had_room());
+      CHECK(stages.last<CountLists>().room.visible == few.visible + few.visible / 4);
+      CHECK(result(renderer) == of_few);
+
+      UncountedView view = renderer.forward_uncounted(model.view(), 1, {});
+      CHECK(stages.last<CountLists>().room.intersections >= many.intersections);
+      CHECK_FALSE(view.had_room());
+      CHECK(view.totals().visible == many.visible);
+      CHECK(view.totals().intersections == many.intersections);
+      CHECK(std::ranges::all_of(renderer.download().rgb, [](float value) { return value == 0; }));
+      renderer.forward(model.view(), 1, {}, true);
+      CHECK(result(renderer) == expected);
+      CHECK(renderer.forward_uncounted(model.view(), 1, {}).had_room());
+      CHECK(result(renderer) == expected);
+    }
 }
 
 // Tests image sizes and target addresses with different alignments.

@@ -76,12 +76,13 @@ void require_lists(Device& device, Stages& stages, const Splats& splats) {
   require_equal("sorted_slots", slots, expected.slots);
 }
 
-// Tests lists that are built without waiting for the number of intersections, in buffers with a capacity of
-// `room`. They must equal expected_lists(), or be the lists of a view without splats if the capacity is not
-// sufficient.
-void require_bounded(Device& device, Stages& stages, const Splats& splats, std::uint64_t room) {
+// Tests lists that are built without waiting for the totals, for a view that may have `drawn_room` visible
+// splats, in buffers with a capacity of `room` intersections. The lists must equal expected_lists(), or be
+// the lists of a view without splats if the view has more visible splats or intersections.
+void require_bounded(Device& device, Stages& stages, const Splats& splats, std::uint64_t drawn_room,
+                     std::uint64_t room) {
   const Expected counted = expected_lists(splats);
-  const bool fits = counted.totals.intersections <= room;
+  const bool fits = counted.totals.visible <= drawn_room && counted.totals.intersections <= room;
   Splats none = splats;
   if (!fits) std::ranges::fill(none.counts, 0u);
   Expected expected = fits ? counted : expected_lists(none);
@@ -92,11 +93,12 @@ void require_bounded(Device& device, Stages& stages, const Splats& splats, std::
   const auto ids = guarded(device, room), slots = guarded(device, room),
              ranges = guarded(device, expected.ranges.size());
   const Buffer<std::uint64_t> totals(device, "test", 2);
+  INFO(counted.totals.visible << " visible splats, room for " << drawn_room);
   INFO(counted.totals.intersections << " intersections, room for " << room);
-  const ListTotals bounds =
-      stages.count_lists({splats.count(), counts.view(), keys.view(), offsets.view(), totals.view(), room});
+  const ListTotals bounds = stages.count_lists(
+      {splats.count(), counts.view(), keys.view(), offsets.view(), totals.view(), {drawn_room, room}});
   const auto read = device.read_later(*totals.view().memory, 0, 2 * sizeof(std::uint64_t));
-  CHECK(bounds.visible == splats.count());
+  CHECK(bounds.visible == drawn_room);
   CHECK(bounds.intersections == room);
   stages.build_lists({splats.count(), bounds, splats.shape, keys.view(), rects.view(), offsets.view(),
                       ids.view(), slots.view(), ranges.view(), true});
@@ -155,26 +157,30 @@ TEST_CASE("Tile lists are correct if the number of splats is near the size of a 
   });
 }
 
-TEST_CASE("Tile lists in buffers of a given capacity are correct, or empty if they do not fit", "[lists]") {
+TEST_CASE("Tile lists of views with upper bounds are correct, or empty if the view exceeds a bound",
+          "[lists]") {
   on_all_stages([](Device& device, Stages& stages) {
     ListRandom random;
     const auto with_rooms = [&](const Splats& splats) {
-      const std::uint64_t pairs = expected_lists(splats).totals.intersections;
+      const std::uint64_t count = splats.count();
+      const auto [visible, pairs] = expected_lists(splats).totals;
       for (const std::uint64_t room : {pairs, pairs + 1, pairs - 1, std::uint64_t{1}, 3 * pairs + 5000})
-        if (room <= UINT32_MAX) require_bounded(device, stages, splats, room);
-      require_bounded(device, stages, splats, pairs);  // again, after views with other capacities
+        if (room <= UINT32_MAX) require_bounded(device, stages, splats, count, room);
+      for (const std::uint64_t drawn_room : {visible, visible - 1, std::uint64_t{1}, (visible + count) / 2})
+        require_bounded(device, stages, splats, drawn_room, pairs);
+      require_bounded(device, stages, splats, count, pairs);  // again, after views with other bounds
     };
     with_rooms(random_splats(random, 20000, 333, 77, 0.5f, 5));
     with_rooms(random_splats(random, 3000, 200, 200, 0.02f, 2));  // nearly all splats are culled
     with_rooms(random_splats(random, 2049, 16, 16, 1, 0));        // the image has one tile
     // With 16 tiles, their keys have four bits, so the largest possible key belongs to a tile.
     with_rooms(random_splats(random, 2048, 64, 64, 1, 1));
-    require_bounded(device, stages, random_splats(random, 5000, 200, 100, 0, 1), 0);
-    require_bounded(device, stages, random_splats(random, 5000, 200, 100, 0, 1), 3000);
-    require_bounded(device, stages, random_splats(random, 0, 64, 48, 1, 1), 100);
+    require_bounded(device, stages, random_splats(random, 5000, 200, 100, 0, 1), 5000, 0);
+    require_bounded(device, stages, random_splats(random, 5000, 200, 100, 0, 1), 700, 3000);
+    require_bounded(device, stages, random_splats(random, 0, 64, 48, 1, 1), 0, 100);
     Splats beyond = random_splats(random, 1000, 160, 160, 1, 1);
     for (std::uint32_t& count : beyond.counts) count = 0xfffffff0u;  // the total needs more than 32 bits
-    require_bounded(device, stages, beyond, 5000);
+    require_bounded(device, stages, beyond, 1000, 5000);
   });
 }
 
@@ -241,6 +247,24 @@ TEST_CASE("Tile lists are correct for splats on many tiles and for images with m
     Splats tallest = random_splats(random, 20, 1, 65536 * 16, 1, 30000);
     tallest.set_rect(3, 0, 0, 0, 65535);
     require_lists(device, stages, tallest);
+  });
+}
+
+// GPUs sort by tile with keys of 16 bits up to 65536 tiles, and with keys of 32 bits beyond. With 65536
+// tiles, the largest possible key belongs to a tile.
+TEST_CASE("Tile lists are correct for images with 65536 and with slightly more tiles", "[lists]") {
+  on_all_stages([](Device& device, Stages& stages) {
+    ListRandom random;
+    for (const std::uint32_t across : {256u, 257u}) {
+      const int side = static_cast<int>(across) * 16;
+      Splats splats = random_splats(random, 300, side, side, 0.7f, 20);
+      splats.set_rect(0, 0, 0, 0, 0);
+      splats.set_rect(1, across - 1, across - 1, across - 1, across - 1);
+      const ListTotals totals = expected_lists(splats).totals;
+      require_lists(device, stages, splats);
+      require_bounded(device, stages, splats, totals.visible, totals.intersections);
+      require_bounded(device, stages, splats, totals.visible + 10, totals.intersections + 3000);
+    }
   });
 }
 
