@@ -20,6 +20,7 @@ torch = pytest.importorskip("torch", reason="SKIPPED: PyTorch is not installed")
 import ubs  # noqa: E402
 import ubs.gsplat  # noqa: E402
 from ubs.gsplat import fully_fused_projection, rasterization, spherical_harmonics  # noqa: E402
+from ubs.gsplat.absent import INSTEAD  # noqa: E402
 
 WIDTH, HEIGHT = 56, 40
 Tensors = dict[str, Any]
@@ -820,22 +821,28 @@ def test_the_documented_names_and_modules_exist() -> None:
         exec(f"from ubs.gsplat import {name}", {})
     assert ubs.gsplat.__version__ == "1.5"
     text = (Path(__file__).parent.parent.parent / "docs" / "gsplat.md").read_text()
-    paragraph = next(part for part in text.split("\n\n") if part.startswith("Of gsplat's modules"))
-    names = re.findall(r"`(gsplat\.[\w.]+)`", paragraph)
-    assert names[:2] == ["gsplat.rendering", "gsplat.strategy"] and len(names) > 8
-    for name in names[:2]:
-        importlib.import_module(f"ubs.{name}")
-    for name in names[2:]:
+    rows = [line.split("|")[1:3] for line in text.split("| module | names |")[1].split("\n\n")[0].splitlines()[2:]]
+    modules = {re.findall(r"`([\w.]+)`", module)[0]: re.findall(r"`(\w+)`", names) for module, names in rows}
+    assert len(modules) > 10 and "gsplat.strategy.ops" in modules
+    for module, names in modules.items():
+        found = importlib.import_module(f"ubs.{module}")
+        for name in names:
+            assert name not in INSTEAD and hasattr(found, name)
+            if module == "gsplat":
+                assert name in ubs.gsplat.__all__
+    paragraph = next(part for part in text.split("\n\n") if part.startswith("gsplat's other modules"))
+    missing = re.findall(r"`(gsplat\.[\w.]+)`", paragraph)
+    assert len(missing) > 3
+    for name in missing:
         with pytest.raises(ImportError, match=f"ubs.{name}"):
             importlib.import_module(f"ubs.{name}")
 
 
 def test_other_names_of_gsplat_are_imported_and_refused_when_called() -> None:
-    from ubs.gsplat import SelectiveAdam, export_splats, rasterization_2dgs, rasterization_inria_wrapper
-    from ubs.gsplat.absent import INSTEAD
+    from ubs.gsplat import PngCompression, isect_tiles, rasterization_2dgs, rasterization_inria_wrapper
     from ubs.gsplat.rendering import rasterization_2dgs_inria_wrapper
 
-    calls: list[Any] = [SelectiveAdam, export_splats, rasterization_2dgs, rasterization_inria_wrapper]
+    calls: list[Any] = [PngCompression, isect_tiles, rasterization_2dgs, rasterization_inria_wrapper]
     for call in [*calls, rasterization_2dgs_inria_wrapper]:
         with pytest.raises(ubs.UsageError, match=f"^{call.__name__} does not exist in ubs.gsplat: "):
             call(1, width=2)

@@ -13,18 +13,37 @@ The module requires PyTorch, but not gsplat. Several threads may call its functi
 from typing import Any
 
 from .absent import refusing
-from .rendering import RollingShutterType, fully_fused_projection, rasterization, spherical_harmonics
+from .cuda._wrapper import proj, quat_scale_to_covar_preci, world_to_cam
+from .exporter import export_splats
+from .optimizers import SelectiveAdam
+from .rendering import (
+    CameraModel,
+    RasterizeMode,
+    RenderMode,
+    RollingShutterType,
+    fully_fused_projection,
+    rasterization,
+    spherical_harmonics,
+)
 from .strategy import DefaultStrategy, MCMCStrategy, Strategy
 
 __version__ = "1.5"  # the version of gsplat whose interface this module provides
 __all__ = [
+    "CameraModel",
     "DefaultStrategy",
     "MCMCStrategy",
+    "RasterizeMode",
+    "RenderMode",
     "RollingShutterType",
+    "SelectiveAdam",
     "Strategy",
+    "export_splats",
     "fully_fused_projection",
+    "proj",
+    "quat_scale_to_covar_preci",
     "rasterization",
     "spherical_harmonics",
+    "world_to_cam",
 ]
 
 

@@ -21,7 +21,9 @@ _LISTS = """isect_tiles isect_offset_encode isect_tiles_sparse build_sparse_tile
 _SURFELS = """rasterization_2dgs rasterization_2dgs_inria_wrapper fully_fused_projection_2dgs rasterize_to_pixels_2dgs
     rasterize_to_indices_in_range_2dgs accumulate_2dgs"""
 _RAYS = """fully_fused_projection_with_ut rasterize_to_pixels_eval3d ExternalDistortionModelMeta
-    ExternalDistortionModelParameters"""
+    ExternalDistortionModelParameters FThetaCameraDistortionParameters FThetaPolynomialType
+    UnscentedTransformParameters"""
+_PROCESSES = "all_gather_int32 all_gather_tensor_list all_to_all_int32 all_to_all_tensor_list"
 
 # Groups of names. The second text of each group states what to use instead of these names.
 _GROUPS = (
@@ -30,14 +32,13 @@ _GROUPS = (
     (_LISTS, "lists of tiles stay on the device: use rasterization(), or ubs.torch.rasterize() for projected Gaussians"),
     (_RAYS, "lens distortion is not supported: undistort the images first, or use gsplat on CUDA"),
     (_LIDAR, "lidar is not supported: use gsplat on CUDA"),
-    ("proj world_to_cam", "use fully_fused_projection()"),
-    ("quat_scale_to_covar_preci", "pass quats and scales to rasterization()"),
+    ("persp_proj", "use proj()"),
     ("spherical_harmonics_l0 spherical_harmonics_l1_plus", "use spherical_harmonics()"),
-    ("SelectiveAdam", "use torch.optim.Adam, or torch.optim.SparseAdam with rasterization(..., sparse_grad=True)"),
-    ("export_splats PngCompression", "assign the values to a ubs.Model, and write a file with Model.save()"),
+    ("adam", "use SelectiveAdam"),
+    ("PngCompression", "use export_splats(..., format='ply_compressed'), or convert a PLY file with `ubs convert`"),
+    (_PROCESSES, "ubs.gsplat runs in one process"),
     (_LOSSES, "write the loss in PyTorch"),
     ("color_correct_affine color_correct_quadratic", "write the correction in PyTorch"),
-    ("RenderMode RasterizeMode CameraModel", "pass a string, such as render_mode='RGB+D'"),
     (
         "RendererConfig RendererConfig_MixedBatch RendererConfig_ParallelBatch",
         "remove the configuration, which only determines how gsplat divides its work",

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 from enum import Enum
-from typing import Any, Callable, Optional, Sequence
+from typing import Any, Callable, Literal, Optional, Sequence, get_args
 
 import torch
 from torch import Tensor
@@ -18,9 +18,9 @@ from . import fused
 from .absent import refusing
 from .fused import LEAST_ALPHA
 
-CAMERA_MODELS = ("pinhole", "ortho", "fisheye")
-RENDER_MODES = ("RGB", "D", "ED", "RGB+D", "RGB+ED")
-RASTERIZE_MODES = ("classic", "antialiased")
+CameraModel = Literal["pinhole", "ortho", "fisheye"]
+RenderMode = Literal["RGB", "D", "ED", "RGB+D", "RGB+ED"]
+RasterizeMode = Literal["classic", "antialiased"]
 LEAST_COMPENSATION = 0.005  # smallest factor of opacities with rasterize_mode "antialiased"
 REACH = 3.33  # maximum number of standard deviations that radii cover
 
@@ -165,17 +165,22 @@ def spherical_harmonics(
 # ---- Projection ----
 
 
-def _axes(quats: Tensor, scales: Tensor) -> Tensor:
-    """Returns rotation matrices times scales (3, 3, B, N). quats (B, N, 4) begin with w, and must not have the length
-    0. scales are (B, N, 3)."""
-    w, x, y, z = torch.nn.functional.normalize(quats, dim=-1).unbind(-1)
+def _columns(quats: Tensor) -> list[Tensor]:
+    """Returns the three columns (3, ...) of the rotation matrices of unit quaternions (..., 4), which begin with w."""
+    w, x, y, z = quats.unbind(-1)
     columns = [
         (1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)),
         (2 * (x * y - w * z), 1 - 2 * (x * x + z * z), 2 * (y * z + w * x)),
         (2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)),
     ]
-    scaled = [torch.stack(column) * scales[..., k] for k, column in enumerate(columns)]
-    return torch.stack(scaled, 1)
+    return [torch.stack(column) for column in columns]
+
+
+def _axes(quats: Tensor, scales: Tensor) -> Tensor:
+    """Returns rotation matrices times scales (3, 3, ...). quats (..., 4) begin with w, and must not have the length 0.
+    scales are (..., 3)."""
+    columns = _columns(torch.nn.functional.normalize(quats, dim=-1))
+    return torch.stack([column * scales[..., k] for k, column in enumerate(columns)], 1)
 
 
 class _Projected:
@@ -295,7 +300,7 @@ def _checked(
     model: str,
 ) -> tuple[int, ...]:
     """Checks the arguments of a projection, and returns the batch dimensions."""
-    _choice("camera_model", model, CAMERA_MODELS)
+    _choice("camera_model", model, get_args(CameraModel))
     *batch, n, _ = _shape(means, "means", 2)
     cameras = _shape(viewmats, "viewmats", 3)[-3]
     _check("means", means, (*batch, n, 3))
@@ -490,8 +495,8 @@ def rasterization(
         radial_coeffs=radial_coeffs, tangential_coeffs=tangential_coeffs, thin_prism_coeffs=thin_prism_coeffs,
         ftheta_coeffs=ftheta_coeffs, rolling_shutter=rolling_shutter, viewmats_rs=viewmats_rs,
     )
-    _choice("render_mode", render_mode, RENDER_MODES)
-    _choice("rasterize_mode", rasterize_mode, RASTERIZE_MODES)
+    _choice("render_mode", render_mode, get_args(RenderMode))
+    _choice("rasterize_mode", rasterize_mode, get_args(RasterizeMode))
     rows: list[Tensor] = []
     if sparse_grad:
         means, covars, quats, scales = _with_sparse_gradients(packed, rows, means, covars, quats, scales)

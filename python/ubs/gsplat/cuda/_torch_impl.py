@@ -1,0 +1,20 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The functions of gsplat's module of this name that trainers use."""
+
+from __future__ import annotations
+
+import math
+
+import torch
+from torch import Tensor
+
+from ..._errors import UsageError
+from ..rendering import _harmonics
+
+
+def _eval_sh_bases_fast(basis_dim: int, dirs: Tensor) -> Tensor:
+    """Returns the values (..., basis_dim) of the spherical harmonics at unit vectors `dirs` (..., 3). `basis_dim` is 1,
+    4, 9, 16 or 25."""
+    if basis_dim not in (1, 4, 9, 16, 25):
+        raise UsageError(f"basis_dim={basis_dim} must be 1, 4, 9, 16 or 25")
+    return torch.stack(_harmonics(math.isqrt(basis_dim) - 1, *dirs.unbind(-1)), -1)
