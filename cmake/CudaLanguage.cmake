@@ -1,6 +1,7 @@
 # Finds a CUDA compiler as requested by UBS_CUDA (AUTO, ON, OFF) and sets UBS_WITH_CUDA. The architectures are
 # CMAKE_CUDA_ARCHITECTURES or, if that is not set, the environment variable CUDAARCHS or, if that is not set
-# either, those of ubs_cuda_architectures. Measured sizes and times are in docs/cuda.md.
+# either, those of ubs_cuda_architectures. With pip, they are those of the GPUs of this machine, if there are any.
+# Measured sizes and times are in docs/cuda.md.
 include(${CMAKE_CURRENT_LIST_DIR}/CudaArchitectures.cmake)
 set(UBS_WITH_CUDA OFF)
 if(UBS_CUDA STREQUAL "OFF")
@@ -23,6 +24,9 @@ find_package(CUDAToolkit 12 REQUIRED)
 if(NOT chosen)
   unset(CMAKE_CUDA_ARCHITECTURES CACHE)
   set(CMAKE_CUDA_ARCHITECTURES $ENV{CUDAARCHS})
+  if(NOT CMAKE_CUDA_ARCHITECTURES AND SKBUILD)
+    set(CMAKE_CUDA_ARCHITECTURES ${CMAKE_CUDA_ARCHITECTURES_NATIVE})
+  endif()
   if(NOT CMAKE_CUDA_ARCHITECTURES)
     ubs_cuda_architectures(${CMAKE_CUDA_COMPILER_VERSION} CMAKE_CUDA_ARCHITECTURES)
   endif()
