@@ -22,7 +22,7 @@ class RunLength {
   // Changes the schedule so that the run ends in about `seconds` seconds (BudgetPace::complete).
   void complete(double seconds);
 
-  // Returns whether the length of the run is adapted. Otherwise the next four methods have no effect.
+  // Returns whether the length of the run is adapted. If it is not, the methods below do nothing.
   bool adapts() const { return pace_.has_value(); }
   bool change_is_due() const;  // returns whether set() must be called now, after the device has finished
   void set(bool any_change = false);  // see BudgetPace::advance()

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Tests the modules of ubs.gsplat other than the rasteriser and the strategies: optimizers, exporter, utils,
-cuda._wrapper, distributed and compression. The formulas are evaluated in float64."""
+cuda._wrapper, cuda._torch_impl, distributed and compression. The formulas are evaluated in float64."""
 
 from __future__ import annotations
 
@@ -152,6 +152,14 @@ def test_selective_adam_changes_visible_rows() -> None:
         SelectiveAdam([first, second], eps=1e-8, betas=(0.9, 0.999)).step(torch.ones(20, dtype=torch.bool))
 
 
+def test_selective_adam_refuses_sparse_gradients() -> None:
+    p = torch.nn.Parameter(torch.zeros(3, 2))
+    optimizer = SelectiveAdam([p], eps=1e-8, betas=(0.9, 0.999))
+    p.grad = torch.sparse_coo_tensor([[0]], [[1.0, 1.0]], (3, 2))
+    with pytest.raises(ubs.UsageError, match="sparse gradients"):
+        optimizer.step(torch.ones(3, dtype=torch.bool))
+
+
 # ---- exporter ----
 
 
@@ -277,6 +285,19 @@ def test_extreme_values_are_limited(tmp_path: Path) -> None:
     assert sorted(np.log(found["scale"][found["scale"] > 0]).round(3)) == [20, 20, 20]
 
 
+def test_all_lengths_of_quats_are_exported() -> None:
+    g = torch.Generator().manual_seed(5)
+    quats = torch.randn(4, 4, generator=g)
+    sizes = torch.tensor([[1.0], [1e-30], [1e37], [1e-12]])
+    given = (torch.randn(4, 3, generator=g), torch.full((4, 3), -3.0))
+    rest = (torch.full((4,), 1.0), torch.zeros(4, 1, 3), torch.zeros(4, 0, 3))
+    for kind in ("ply", "splat", "ply_compressed"):
+        plain = export_splats(*given, quats, *rest, format=kind)
+        assert len(export_splats(*given, quats * sizes, *rest, format=kind)) == len(plain)
+    with pytest.raises(ubs.UsageError, match="at most 1/255"):
+        export_splats(*given, quats, torch.full((4,), -9.0), *rest[1:], format="ply_compressed")
+
+
 def test_save_ply(tmp_path: Path) -> None:
     s = gaussians()
     with warnings.catch_warnings():
@@ -329,6 +350,12 @@ def test_points_and_normals_of_depths() -> None:
     assert float(normals.abs().sum()) == pytest.approx(float(inner.abs().sum()))
     with pytest.raises(ubs.UsageError, match="camtoworlds and Ks"):
         depth_to_points(depths, poses[0], ks)
+
+
+@pytest.mark.parametrize("size", [(1, 4), (4, 1), (2, 2), (3, 2)])
+def test_normals_of_small_images_are_0(size: tuple[int, int]) -> None:
+    normals = depth_to_normal(torch.ones(*size, 1), torch.eye(4), torch.eye(3))
+    assert normals.shape == (*size, 3) and not bool(normals.any())
 
 
 def test_projection_matrix() -> None:

@@ -253,6 +253,40 @@ def test_relocated_and_added_gaussians() -> None:
     assert torch.equal(params["means"], values)
 
 
+def test_gradients_of_changed_values_are_discarded() -> None:
+    """An optimiser step after these functions would otherwise use gradients of the values before."""
+    for change in (
+        lambda p, o: ops.reset_opa(p, o, {}, 0.01),
+        lambda p, o: ops.relocate(p, o, {}, torch.arange(6) < 2, BINOMS),
+    ):
+        params, optimizers = learnt(6)
+        for value in params.values():
+            value.grad = torch.ones_like(value)
+        change(params, optimizers)
+        assert params["opacities"].grad is None
+
+
+def test_nothing_selected_changes_nothing() -> None:
+    params, optimizers = learnt(6)
+    before = dict(params)
+    none = torch.zeros(6, dtype=torch.bool)
+    for change in (ops.duplicate, ops.split, ops.remove):
+        change(params, optimizers, {}, none)
+    assert all(params[name] is value for name, value in before.items())
+
+
+def test_states_of_mcmc_do_not_share_their_table() -> None:
+    state = MCMCStrategy().initialize_state()
+    state["binoms"].zero_()
+    assert torch.equal(MCMCStrategy().initialize_state()["binoms"], BINOMS)
+
+
+def test_relocation_of_transparent_gaussians() -> None:
+    scales = torch.tensor([[1.0, 2.0, 3.0]])
+    opacity, found = compute_relocation(torch.zeros(1), scales, torch.tensor([3]), BINOMS)
+    assert float(opacity) == 0 and torch.equal(found, scales)
+
+
 def test_mcmc_moves_adds_and_shakes() -> None:
     """Tests that MCMCStrategy relocates transparent Gaussians, adds new Gaussians, and adds noise to positions."""
     torch.manual_seed(1)

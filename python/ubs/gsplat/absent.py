@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Lists the names of gsplat 1.5 and 1.6 that ubs.gsplat does not implement. Scripts can import them, because many
+"""Lists names of gsplat 1.5 and 1.6 that ubs.gsplat does not implement. Scripts can import them, because many
 scripts import more names than they use. Calling one of them raises a UsageError that states what to use instead."""
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ _GROUPS = (
     ("spherical_harmonics_l0 spherical_harmonics_l1_plus", "use spherical_harmonics()"),
     ("adam", "use SelectiveAdam"),
     ("PngCompression", "use export_splats(..., format='ply_compressed'), or convert a PLY file with `ubs convert`"),
-    (_PROCESSES, "ubs.gsplat runs in one process"),
+    (_PROCESSES, "ubs.gsplat runs in one process: remove the call"),
     (_LOSSES, "write the loss in PyTorch"),
     ("color_correct_affine color_correct_quadratic", "write the correction in PyTorch"),
     (

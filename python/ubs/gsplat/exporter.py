@@ -43,8 +43,9 @@ def export_splats(
 
     The formats are "ply", which other programs for 3D Gaussian Splatting read; "splat", which stores sh0 but not shN;
     and "ply_compressed", the compressed PLY format of SuperSplat, which does not store Gaussians whose opacity is at
-    most 1/255. Quaternions are stored with the length 1, opacities before the sigmoid from -16 to 16, and logarithms of
-    scales from -39, or in compressed files from -20 to 20."""
+    most 1/255. Quaternions are divided by their lengths. "ply" limits opacities before the sigmoid to the range from
+    -16 to 16, and logarithms of scales to at least -39. "ply_compressed" limits the latter to the range from -20 to
+    20."""
     if shN.dim() != 3:
         raise UsageError(f"shN has the shape {tuple(shN.shape)}, not (N, K, 3)")
     count, higher = len(means), shN.shape[1]
@@ -63,6 +64,8 @@ def export_splats(
     if len(table) == 0:
         raise UsageError("there are no Gaussians with finite values, so no file is written")
     parts = dict(zip(NAMES, table.split([3, 3, 3 * higher, 1, 3, 4], 1)))
+    turns = parts["rotation"].double()  # multiplied by powers of 2, so that no length is too small or too large
+    parts["rotation"] = torch.ldexp(turns, -torch.frexp(turns.abs().amax(1, keepdim=True))[1]).float()
     if format == "ply_compressed":
         file = _compressed({name: part.double().numpy() for name, part in parts.items()})
         if save_to is not None:
@@ -85,6 +88,8 @@ def _compressed(parts: dict[str, Array]) -> bytes:
     opacity = 1 / (1 + np.exp(-parts["opacity"].clip(-100, 100)))
     parts = {name: values[opacity[:, 0] > 1 / 255] for name, values in parts.items()}
     opacity = opacity[opacity > 1 / 255, None]
+    if len(opacity) == 0 or len(parts["xyz"]) == 0:
+        raise UsageError("all Gaussians have opacities of at most 1/255, so no file is written")
     order = _along_curve(parts["xyz"])
     parts, opacity = {name: values[order] for name, values in parts.items()}, opacity[order]
     count = len(order)

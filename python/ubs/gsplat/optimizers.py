@@ -16,7 +16,7 @@ class SelectiveAdam(torch.optim.Adam):
     as they are, which saves time if few Gaussians are visible (Taming 3DGS, Mallick et al. 2024).
 
     As in gsplat, the moments are not divided by 1 - beta^step. So the first steps are larger than those of Adam: with
-    the default betas, the first one is 3.2 times as large. Each group must have exactly one parameter. `eps` and
+    the betas (0.9, 0.999), the first one is 3.2 times as large. Each group must have exactly one parameter. `eps` and
     `betas` are those of Adam."""
 
     def __init__(self, params: Any, eps: float, betas: tuple[float, float]) -> None:
@@ -32,6 +32,8 @@ class SelectiveAdam(torch.optim.Adam):
                 param = group["params"][0]
                 if param.grad is None:
                     continue
+                if param.grad.is_sparse:
+                    raise UsageError("SelectiveAdam does not support sparse gradients: do not set sparse_grad")
                 if len(visibility) != len(param):
                     raise UsageError(f"visibility has {len(visibility)} values, but a parameter has {len(param)} rows")
                 state = self.state[param]

@@ -14,7 +14,7 @@ def compute_relocation(opacities: Tensor, scales: Tensor, ratios: Tensor, binoms
     With the new values, these copies together look like the original Gaussian.
 
     opacities (N,) or (N, 1) are from 0 to 1, and scales (N, 3) are not logarithms. `ratios` (N,) is the number of
-    Gaussians that replace each Gaussian. Numbers below 1 and above n_max are treated like these. n_max is the size of
+    Gaussians that replace each Gaussian, from 1 to n_max; other numbers are clamped to this range. n_max is the size of
     `binoms` (n_max, n_max), which is a table of binomial coefficients in gsplat. Only its size is used here."""
     count, most = len(opacities), len(binoms)
     if tuple(scales.shape) != (count, 3) or tuple(ratios.shape) != (count,) or opacities.numel() != count:
@@ -28,4 +28,5 @@ def compute_relocation(opacities: Tensor, scales: Tensor, ratios: Tensor, binoms
     for k in range(1, most + 1):
         chosen = chosen * (number - (k - 1)) / k
         total = total - (-1.0) ** k * chosen * after**k / k**0.5
-    return after.to(opacities).reshape(opacities.shape), scales * (before / total).to(scales)[:, None]
+    factor = torch.where(total > 0, before / total, torch.ones_like(total))  # the limit for the opacity 0 is 1
+    return after.to(opacities).reshape(opacities.shape), scales * factor.to(scales)[:, None]

@@ -401,9 +401,9 @@ def _with_sparse_gradients(packed: bool, rows: list[Tensor], *tensors: Tensor | 
     """Returns the tensors with sparse gradients. The first tensor is means. Before backward(), the caller appends the
     indices of the rows of the gradients to `rows`."""
     if not packed:
-        raise UsageError("sparse_grad=True requires packed=True")
+        raise UsageError("sparse_grad=True needs packed=True")
     if isinstance(tensors[0], Tensor) and tensors[0].dim() != 2:
-        raise UsageError("sparse_grad=True does not support batch dimensions")
+        raise UsageError("with sparse_grad=True, the tensors must have no batch dimensions")
     return [SparseGradient.apply(tensor, rows) if isinstance(tensor, Tensor) else tensor for tensor in tensors]
 
 
@@ -476,8 +476,8 @@ def rasterization(
     (..., C, height, width, E). Colours that are computed from spherical harmonics are clamped at 0, but extra_signals
     are not.
 
-    Returns images (..., C, height, width, X), alphas (..., C, height, width, 1) and a dictionary. X is D in the mode
-    RGB, 1 in the modes D and ED, and D + 1 in the modes RGB+D and RGB+ED, whose last channel is the depth. The
+    Returns images (..., C, height, width, channels), alphas (..., C, height, width, 1) and a dictionary. The channels
+    are the D colours, unless the mode is D or ED. They are followed by the depth, unless the mode is RGB. The
     dictionary has radii, depths, conics, opacities and means2d. After means2d.retain_grad(), backward() stores the
     gradient of means2d. With `packed`, batch_ids, camera_ids and gaussian_ids identify the Gaussian of each entry;
     otherwise they are None.

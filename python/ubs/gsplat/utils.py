@@ -63,10 +63,15 @@ def depth_to_normal(depths: Tensor, camtoworlds: Tensor, Ks: Tensor, z_depth: bo
     """Returns the unit normals (..., H, W, 3) in the world of the surface that depth_to_points() returns. They point to
     the side of the camera. They are computed from the neighbours of a pixel, and are 0 at the border of the image."""
     points = depth_to_points(depths, camtoworlds, Ks, z_depth)
-    down = points[..., 2:, 1:-1, :] - points[..., :-2, 1:-1, :]
-    right = points[..., 1:-1, 2:, :] - points[..., 1:-1, :-2, :]
-    normals = torch.nn.functional.normalize(torch.linalg.cross(down, right), dim=-1)
-    return torch.nn.functional.pad(normals, (0, 0, 1, 1, 1, 1))
+    normals = torch.zeros_like(points)
+    height, width = points.shape[-3:-1]
+    if height > 2 and width > 2:
+        rows, columns = points[..., 1:-1, :], points[..., 1:-1, :, :]
+        vertical = rows[..., 2:, :, :] - rows[..., :-2, :, :]
+        horizontal = columns[..., 2:, :] - columns[..., :-2, :]
+        across = torch.linalg.cross(vertical, horizontal)
+        normals[..., 1:-1, 1:-1, :] = torch.nn.functional.normalize(across, dim=-1)
+    return normals
 
 
 def get_projection_matrix(znear: float, zfar: float, fovX: float, fovY: float, device: Any = "cpu") -> Tensor:

@@ -14,20 +14,18 @@ NEEDED = ("means", "scales", "quats", "opacities")
 
 @dataclass
 class Strategy:
-    """Base class of all strategies. It does nothing."""
+    """A strategy that changes nothing. Strategies of your own inherit from it."""
 
     def check_sanity(self, params: Parameters, optimizers: Optimizers) -> None:
-        """Raises UsageError if one of the parameters NEEDED is missing, or if the optimisers do not match the trained
-        parameters: there must be one optimiser with one parameter for each of them."""
+        """Raises UsageError if one of the parameters NEEDED is missing. Also raises it unless each trained parameter has
+        an optimiser with the same name, and this optimiser has no other parameters."""
         missing = [name for name in NEEDED if name not in params]
         if missing:
             raise UsageError(f"params has no {', '.join(missing)}: a strategy needs {', '.join(NEEDED)}")
         learnt = {name for name, value in params.items() if value.requires_grad}
         if learnt != set(optimizers):
             different = ", ".join(sorted(learnt ^ set(optimizers)))
-            raise UsageError(
-                f"parameters with requires_grad and optimisers must have the same names: check {different}"
-            )
+            raise UsageError(f"each trained parameter needs an optimiser with its name, and no others: see {different}")
         for name, optimizer in optimizers.items():
             groups = optimizer.param_groups
             if len(groups) != 1 or len(groups[0]["params"]) != 1 or groups[0]["params"][0] is not params[name]:

@@ -46,8 +46,8 @@ class DefaultStrategy(Strategy):
     pause_refine_after_reset: int = 0
     """Number of steps without refinement after each reset."""
     absgrad: bool = False
-    """Whether to use the sums of absolute gradients. These are larger, so grow_grad2d should be higher, such as 0.0008.
-    Requires rasterization(..., absgrad=True)."""
+    """Whether means2d.absgrad is used in place of the gradient. rasterization() must then compute it (absgrad=True). Its
+    values are several times as large, and so should be grow_grad2d; 0.0008 is usual."""
     revised_opacity: bool = False
     """Whether the two parts of a split Gaussian get lower opacities, so that both parts together are as opaque as the
     original Gaussian (Rota Bulo et al. 2024)."""
@@ -79,11 +79,9 @@ class DefaultStrategy(Strategy):
             return
         with torch.no_grad():
             self._update_state(params, state, info, packed)
-            if (
-                step > self.refine_start_iter
-                and step % self.refine_every == 0
-                and step % self.reset_every >= self.pause_refine_after_reset
-            ):
+            since_reset = step % self.reset_every
+            is_due = step > self.refine_start_iter and step % self.refine_every == 0
+            if is_due and since_reset >= self.pause_refine_after_reset:
                 copied, divided = self._grow_gs(params, optimizers, state, step)
                 removed = self._prune_gs(params, optimizers, state, step)
                 if self.verbose:
@@ -92,7 +90,7 @@ class DefaultStrategy(Strategy):
                 for key in ("grad2d", "count", "radii"):
                     if state.get(key) is not None:
                         state[key].zero_()
-            if step > 0 and step % self.reset_every == 0:
+            if step > 0 and since_reset == 0:
                 reset_opa(params, optimizers, state, 2 * self.prune_opa)
 
     def _update_state(
@@ -123,8 +121,8 @@ class DefaultStrategy(Strategy):
         state["grad2d"].index_add_(0, ids, length)
         state["count"].index_add_(0, ids, torch.ones_like(length))
         if "radii" in state:
-            largest = radii.amax(-1).float() / float(max(info["width"], info["height"]))
-            state["radii"].scatter_reduce_(0, ids, largest, "amax")
+            side = max(info["width"], info["height"])
+            state["radii"].scatter_reduce_(0, ids, radii.amax(-1) / side, "amax")
 
     def _grow_gs(
         self, params: Parameters, optimizers: Optimizers, state: Dict[str, Any], step: int

@@ -44,7 +44,7 @@ class MCMCStrategy(Strategy):
 
     def initialize_state(self) -> Dict[str, Any]:
         """Returns the state for step_post_backward(). It contains the table `binoms` for the functions in ops.py."""
-        return {"binoms": BINOMS}
+        return {"binoms": BINOMS.clone()}
 
     def step_post_backward(
         self,

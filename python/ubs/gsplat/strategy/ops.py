@@ -7,6 +7,7 @@ Gaussians. The table `binoms` is described in compute_relocation()."""
 
 from __future__ import annotations
 
+import math
 from typing import Any, Callable, Dict, List, MutableMapping, Optional
 
 import torch
@@ -68,13 +69,16 @@ def _replace(
 
 
 def _forget(params: Parameters, optimizers: Optimizers, names: List[str], indices: Any) -> None:
-    """Sets the optimiser states of these Gaussians to 0."""
+    """Sets the optimiser states of these Gaussians to 0. Discards the gradients of the parameters, which belong to the
+    values before they were changed."""
 
     def zeroed(_: str, value: Tensor) -> Tensor:
         value[indices] = 0
         return value
 
     _update_param_with_optimizer(lambda _, value: value, zeroed, params, optimizers, names)
+    for name in names:
+        params[name].grad = None
 
 
 def _all(params: Parameters) -> Tensor:
@@ -84,7 +88,7 @@ def _all(params: Parameters) -> Tensor:
 
 def _rotated(params: Parameters, indices: Tensor, vectors: Tensor, times: int) -> Tensor:
     """Returns A v for times = 1, and A A^T v for times = 2. v are the vectors (n, 3), one for each of the Gaussians
-    `indices`, and A is the rotation matrix of the Gaussian times its scales."""
+    `indices`. The columns of A are the half-axes of the Gaussian: those of its rotation matrix times its scales."""
     axes = _axes(params["quats"][indices][None], torch.exp(params["scales"][indices])[None])[:, :, 0]
     if times == 2:
         vectors = (axes * vectors.T[:, None]).sum(0).T
@@ -93,6 +97,8 @@ def _rotated(params: Parameters, indices: Tensor, vectors: Tensor, times: int) -
 
 def duplicate(params: Parameters, optimizers: Optimizers, state: Dict[str, Any], mask: Tensor) -> None:
     """Appends copies of the Gaussians in `mask`."""
+    if not bool(mask.any()):
+        return
     _replace(params, optimizers, state, _all(params), torch.where(mask)[0], {})
 
 
@@ -100,8 +106,10 @@ def split(
     params: Parameters, optimizers: Optimizers, state: Dict[str, Any], mask: Tensor, revised_opacity: bool = False
 ) -> None:
     """Replaces each Gaussian in `mask` by two that are smaller by a factor of 1.6. Their positions are random samples
-    of the Gaussian. They are appended: first one part of all divided Gaussians, then the other parts. With
-    `revised_opacity`, both parts get lower opacities, so that together they are as opaque as the original Gaussian."""
+    of the Gaussian. All first parts are appended, then all second parts. With `revised_opacity`, both parts get lower
+    opacities, so that together they are as opaque as the original Gaussian."""
+    if not bool(mask.any()):
+        return
     chosen = torch.where(mask)[0].repeat(2)
     with torch.no_grad():
         noise = torch.randn(len(chosen), 3, device=chosen.device)
@@ -116,13 +124,15 @@ def split(
 
 def remove(params: Parameters, optimizers: Optimizers, state: Dict[str, Any], mask: Tensor) -> None:
     """Removes the Gaussians in `mask`."""
+    if not bool(mask.any()):
+        return
     _replace(params, optimizers, state, torch.where(~mask)[0], torch.where(mask)[0][:0], {})
 
 
 def reset_opa(params: Parameters, optimizers: Optimizers, state: Dict[str, Any], value: float) -> None:
-    """Limits all opacities to `value`, which is from 0 to 1, and sets their optimiser states to 0."""
+    """Limits all opacities to `value`, which is above 0 and below 1, and sets their optimiser states to 0."""
     with torch.no_grad():
-        params["opacities"].clamp_(max=torch.logit(torch.tensor(value)).item())
+        params["opacities"].clamp_(max=math.log(value / (1 - value)))
     _forget(params, optimizers, ["opacities"], slice(None))
 
 
@@ -153,10 +163,10 @@ def relocate(
     min_opacity: float = 0.005,
 ) -> None:
     """Moves the Gaussians in `mask` to the positions of others, as copies of these. The others are chosen at random,
-    with probabilities that are proportional to their opacities. They get lower opacities, of at least `min_opacity`,
-    and smaller scales, so that each of them and its copies together look like the Gaussian before. The optimiser states
-    of all these Gaussians become 0, and so do the rows of the chosen Gaussians in `state`. Does nothing if all
-    Gaussians are in `mask`."""
+    with probabilities that are proportional to their opacities. The chosen Gaussians and their copies get lower
+    opacities, of at least `min_opacity`, and smaller scales, so that together they look like the chosen Gaussian did
+    before. The optimiser states of all these Gaussians become 0, and so do the rows of the chosen Gaussians in `state`.
+    Does nothing if all Gaussians are in `mask`."""
     gone, others = torch.where(mask)[0], torch.where(~mask)[0]
     if len(gone) == 0 or len(others) == 0:
         return
