@@ -17,8 +17,8 @@ class Strategy:
     """A strategy that changes nothing. Strategies of your own inherit from it."""
 
     def check_sanity(self, params: Parameters, optimizers: Optimizers) -> None:
-        """Raises UsageError if one of the parameters NEEDED is missing. Also raises it unless each trained parameter has
-        an optimiser with the same name, and this optimiser has no other parameters."""
+        """Raises UsageError if one of the parameters NEEDED is missing. Also raises it unless each trained parameter
+        has an optimiser with the same name, and this optimiser has no other parameters."""
         missing = [name for name in NEEDED if name not in params]
         if missing:
             raise UsageError(f"params has no {', '.join(missing)}: a strategy needs {', '.join(NEEDED)}")

@@ -46,8 +46,8 @@ class DefaultStrategy(Strategy):
     pause_refine_after_reset: int = 0
     """Number of steps without refinement after each reset."""
     absgrad: bool = False
-    """Whether means2d.absgrad is used in place of the gradient. rasterization() must then compute it (absgrad=True). Its
-    values are several times as large, and so should be grow_grad2d; 0.0008 is usual."""
+    """Whether means2d.absgrad is used in place of the gradient. rasterization() must then compute it (absgrad=True).
+    Its values are several times as large, so grow_grad2d should be larger, too; 0.0008 is usual."""
     revised_opacity: bool = False
     """Whether the two parts of a split Gaussian get lower opacities, so that both parts together are as opaque as the
     original Gaussian (Rota Bulo et al. 2024)."""
