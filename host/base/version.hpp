@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// version() and build_id() identify this program, or the library, in results. The build ID is a hash of the
-// code. The linker computes it. It changes whenever any compiled code changes, and does not depend on
+// version() and build_id() identify this program, or the library, in results. The linker computes the build
+// ID, a hash of the code. It changes whenever any compiled code changes, and does not depend on
 // version control.
 #pragma once
 

@@ -26,10 +26,10 @@ bool is_exr(std::span<const std::byte> bytes) {
   return bytes.size() >= sizeof kMagic && std::memcmp(bytes.data(), kMagic, sizeof kMagic) == 0;
 }
 
-// Decodes an image file. The samples have 8 bits, 16 bits or are floats. The result has one channel, three
-// (B, G, R) or four (B, G, R, A). Orientation tags are ignored, as in the
-// loader of the published code (Pillow's Image.open), because the cameras of every data set describe the
-// stored pixels. Stores the orientation of a TIFF file in `orientation`, if it is not null.
+// Decodes an image file. The samples are integers of 8 or 16 bits, or floats. The result has one channel,
+// three (B, G, R) or four (B, G, R, A). Orientation tags are ignored, as in the loader of the published code
+// (Pillow's Image.open), because the cameras of every data set describe the stored pixels. Stores the
+// orientation of a TIFF file in `orientation`, if it is not null.
 cv::Mat decode_image_file(const std::filesystem::path& path, int* orientation = nullptr) {
   std::vector<std::byte> bytes = read_file(path);
   if (bytes.empty()) fail(ErrorKind::data, "{}: the image is an empty file", path.string());

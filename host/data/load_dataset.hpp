@@ -73,9 +73,7 @@ std::string camera_files_in(const std::filesystem::path& folder);
 
 // Returns the names of all layouts, which are the values of the setting `layout`, except auto.
 std::vector<std::string_view> layout_names();
-// Returns the names of the data sets and programs whose folders can be read, for help texts: "Blender,
-// D-NeRF,
-// ...".
+// Returns the names of the data sets and programs whose folders can be read, for help texts.
 std::string layout_titles();
 // Returns the name of the layout of `path`. If no layout fits, throws an error whose message lists the files
 // that were looked for.

@@ -1,9 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // This file declares the argument types of those kernels that all back ends share (kernels/map), and of those
-// that have the same arguments in each back end. Because of these declarations, a
-// launch with a wrong buffer or a wrong number of arguments does not compile. For kernels that all back ends
-// launch in the same way (map_stages.hpp, map_metric_ops.hpp and parameter_stages.hpp), this file also
-// contains the name.
+// that have the same arguments in each back end. Because of these declarations, a launch with a wrong buffer
+// or a wrong number of arguments does not compile. For kernels that all back ends launch in the same way
+// (map_stages.hpp, map_metric_ops.hpp and parameter_stages.hpp), this file also contains the name.
 #pragma once
 
 #include <cstdint>

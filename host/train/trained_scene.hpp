@@ -38,7 +38,8 @@ class TrainedScene {
   TrainedScene(Device& device, const TrainSettings& settings, const Split& train, const Split& test,
                const SplatModel& initial, Communicator& ranks, const TimeSource& time);
 
-  // The settings of the run, in which automatic values are resolved, and the schedule that they describe.
+  // settings() returns the settings of the run, in which automatic values are resolved. schedule() returns
+  // the schedule that they describe.
   const TrainSettings& settings() const { return schedule_.settings(); }
   const Schedule& schedule() const { return schedule_; }
   // Changes the schedule. Only iterations, work_shares and growth_end may differ from the current settings.
@@ -67,7 +68,7 @@ class TrainedScene {
   void agree(std::span<bool> decisions, BufferView<std::uint32_t> sentinel, int iteration) const {
     passes_->agree(decisions, sentinel, iteration);
   }
-  // Uses images in the size for this iteration.
+  // Selects the size of the training images for this iteration.
   void use_level_of(int iteration);
 
   // Stores the optimised values and the losses in `state`, or replaces them by those of `state`. See

@@ -86,7 +86,7 @@ class Trainer {
   const std::optional<TrainProgress>& completed_from() const { return completed_from_; }
   // Returns the settings of the run, in which automatic values are resolved.
   const TrainSettings& settings() const { return scene_.settings(); }
-  // The scene as trained so far. The caller must not perform iterations.
+  // Returns the scene as trained so far. The caller must not perform iterations with it.
   TrainedScene& scene() { return scene_; }
   const TrainedScene& scene() const { return scene_; }
 

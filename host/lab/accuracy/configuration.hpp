@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Configuration is a set of settings for training and rendering, with a label. `ubs-lab accuracy` measures
-// errors and times with each of them. To
-// measure a new setting, add a line to the table of standard configurations (configuration.cpp).
+// errors and times with each of them. To measure a new setting, add a line to the table of standard
+// configurations (configuration.cpp).
 #pragma once
 
 #include <string>
