@@ -15,7 +15,9 @@ unsigned map_block(const CudaDevice& device) {
 Projection::Projection(CudaDevice& device, const KernelConfig& config)
     : device_(device),
       config_(config),
-      rows_(static_cast<std::size_t>(ParameterLayout(config.dim, config.variant).count)),
+      rows_(config.gaussian_arrays
+                ? 0  // the parameters are not in rows
+                : static_cast<std::size_t>(ParameterLayout(config.dim, config.variant).count)),
       project_(project_kernels(device, config)),
       block_(map_block(device)) {}
 

@@ -30,6 +30,7 @@ Options project_switches(const KernelConfig& config) {
   append(options, extent_options(config));
   append(options, frozen_options(config));
   append(options, depth_gradient_options(config));
+  append(options, array_options(config));
   return options;
 }
 

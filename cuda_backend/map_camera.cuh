@@ -3,6 +3,7 @@
 // the camera. The macro UBS_CAMERA_GRAD must be 1.
 // clang-format off
 #include "kernels/map/records.h"
+#include "kernels/map/arrays.h"
 #include "kernels/map/project.cl"
 #include "kernels/map/camera.cl"
 // clang-format on

@@ -10,8 +10,9 @@ and device.
 
 Prints milliseconds per view, for the forward pass alone and for both passes. With tensors on the CPU, this is the
 median of single views. With tensors on a GPU, it is the mean of many views without waiting between them, followed by
-the median of single views, which is measured with CUDA events. Needs the Python packages torch and numpy, and the
-package that is measured.
+the median of single views, which is measured with CUDA events. For ubs.gsplat, it also prints how
+much of this time is spent in the library, which waits for the device; the rest is work of PyTorch. Needs the Python
+packages torch and numpy, and the package that is measured.
 """
 import argparse
 import importlib
@@ -87,6 +88,24 @@ def host_ms(draw):
     return f"{np.median(times):.2f} ms"
 
 
+def library_ms(call):
+    """Returns the median time per call that is spent in the library of ubs, which waits for the device."""
+    from ubs import _abi
+    original, times = _abi.call, []
+
+    def timed(*arguments):
+        start = time.perf_counter()
+        original(*arguments)
+        times[-1] += (time.perf_counter() - start) * 1e3
+
+    _abi.call = timed
+    for _ in range(VIEWS // 8):
+        times.append(0)
+        call()
+    _abi.call = original
+    return f"{np.median(times):.2f} ms"
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("model", help="3DGS file with harmonics of degree 3 (.ply)")
@@ -132,7 +151,8 @@ def main():
             draw().backward(v_image)
 
         print(f"{args.package}, {len(splats['x'])} splats, {args.size}x{args.size}, packed={packed}: "
-              f"forward {measured(forward)}, forward and backward {measured(both)}")
+              f"forward {measured(forward)}, forward and backward {measured(both)}"
+              + (f", of which the library {library_ms(both)}" if args.package == "ubs.gsplat" else ""))
 
 
 if __name__ == "__main__":

@@ -30,24 +30,24 @@ TrainSettings noted_settings(const ModelNotes& notes, const std::string& path) {
 }
 
 KernelConfig config_for(const Device& device, const MixedModel& model, const TrainSettings& settings,
-                        bool depth, bool backward, bool absgrad, std::optional<OwnFalloff> falloff) {
+                        bool depth, bool backward) {
   KernelConfig config = kernel_config(model.dim(), model.variant(), settings, device.info());
   config.depth = depth;
   config.backward = backward;
   config.depth_grad = depth && backward;
-  config.absgrad = absgrad;
-  config.falloff = std::move(falloff);
   return config;
 }
 
 ModelSession::ModelSession(std::shared_ptr<Device> device, const MixedModel& model,
-                           const TrainSettings& settings, bool depth, bool backward, bool absgrad,
-                           std::optional<OwnFalloff> falloff)
+                           const TrainSettings& settings, const KernelConfig& config)
     : device_(std::move(device)),
-      model_(*device_, model,
-             config_for(*device_, model, settings, depth, backward, absgrad, std::move(falloff))),
+      model_(*device_, model, config),
       renderer_(*device_, model_.stages()),
       settings_(render_settings(settings)) {}
+
+ModelSession::ModelSession(std::shared_ptr<Device> device, const MixedModel& model,
+                           const TrainSettings& settings, bool depth, bool backward)
+    : ModelSession(device, model, settings, config_for(*device, model, settings, depth, backward)) {}
 
 ModelSession::ModelSession(const std::string& device, const MixedModel& model, const Split& split,
                            const TrainSettings& settings, bool depth, bool backward)

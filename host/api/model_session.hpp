@@ -23,18 +23,18 @@ LoadedModel open_model(const std::string& path);
 TrainSettings noted_settings(const ModelNotes& notes, const std::string& path);
 
 // Returns the kernel configuration for rendering a model. Dimension and variant are those of the first group
-// of the model, not those of the settings, and no parameters are frozen. KernelConfig explains `depth`,
-// `backward`, `absgrad` and `falloff`.
+// of the model, not those of the settings, and no parameters are frozen. KernelConfig explains `depth` and
+// `backward`.
 KernelConfig config_for(const Device& device, const MixedModel& model, const TrainSettings& settings,
-                        bool depth, bool backward, bool absgrad = false,
-                        std::optional<OwnFalloff> falloff = {});
+                        bool depth, bool backward);
 
 class ModelSession {
  public:
   // Uploads the model; the renderer has no cameras yet.
   ModelSession(std::shared_ptr<Device> device, const MixedModel& model, const TrainSettings& settings,
-               bool depth, bool backward = false, bool absgrad = false,
-               std::optional<OwnFalloff> falloff = {});
+               bool depth, bool backward = false);
+  ModelSession(std::shared_ptr<Device> device, const MixedModel& model, const TrainSettings& settings,
+               const KernelConfig& config);
   // Opens the device after verifying it for this use, and uploads the model and the cameras of the split.
   ModelSession(const std::string& device, const MixedModel& model, const Split& split,
                const TrainSettings& settings, bool depth, bool backward = false);

@@ -2,6 +2,8 @@
 // This file implements the C interface for a model on a device. It renders images, and computes gradients
 // with respect to the parameters of the splats and the camera.
 #include <algorithm>
+#include <array>
+#include <bit>
 #include <cmath>
 #include <optional>
 #include <span>
@@ -21,6 +23,10 @@ struct ubs_renderer {
   std::optional<ubs::ModelSession> session;
   std::vector<std::byte> staging;              // for images that are copied to the caller
   std::optional<ubs::GroupBuffers> gradients;  // allocated at the first request for gradients
+  // With UBS_RENDER_GAUSSIANS: the Gaussians, and the addresses of their arrays and of arrays of gradients.
+  ubs::RenderGroup gaussians;
+  ubs::Buffer<float> arrays, v_arrays;
+  std::uint32_t bases = 0;  // of the Gaussians
   // Camera of the image on the device, if this image can be differentiated without rendering it again.
   std::optional<ubs_camera> kept;
   // Camera of the last gradient; empty if there is no valid gradient.
@@ -85,6 +91,66 @@ void download(const ubs_renderer& renderer, MixedModel& to) {
   }
   for (std::size_t g = 0; g < groups.size(); ++g)
     std::ranges::copy(values.groups[g].values, to.groups[g].values.begin());
+}
+
+bool reads_arrays(const ubs_renderer& renderer) { return renderer.flags & UBS_RENDER_GAUSSIANS; }
+
+void check_gaussians(const MixedModel& model) {
+  const ModelVariant variant = model.variant();
+  if (model.groups.size() != 1 || model.dim() != 3 || variant.has_spatial_beta() ||
+      variant.harmonics() == 0 || variant.lobes() > 0 || variant.rot_mode != RotMode::quaternion)
+    fail(ErrorKind::usage,
+         "UBS_RENDER_GAUSSIANS requires a model with dim = 3, kernel = gaussian, rot_mode = quaternion and "
+         "spherical harmonics, not {} ({})",
+         to_string(model), to_string(variant));
+}
+
+MixedModel without_splats(MixedModel model) {
+  for (SplatModel& group : model.groups) group.count = 0;
+  return model;
+}
+
+// Throws Error(usage) if the driver of the device does not provide addresses of its memory.
+void need_addresses(ubs_renderer& renderer) {
+  const DeviceModel& splats = renderer.session->model().groups().front();
+  if (!splats.view().params.memory->address().pointer)
+    fail(ErrorKind::usage,
+         "{} does not provide addresses of its memory: only CUDA devices and PoCL on CPUs do",
+         renderer.session->device().info().name);
+}
+
+std::span<const RenderGroup> groups_to_draw(const ubs_renderer& renderer) {
+  if (!reads_arrays(renderer)) return renderer.session->model().view();
+  if (!renderer.arrays)
+    fail(ErrorKind::usage, "the renderer has no Gaussians yet: call ubs_renderer_set_gaussians");
+  return {&renderer.gaussians, 1};
+}
+
+void need_rows(const ubs_renderer& renderer, const char* what) {
+  if (reads_arrays(renderer)) fail(ErrorKind::usage, "{} is not available with UBS_RENDER_GAUSSIANS", what);
+}
+
+// Copies addresses to the device.
+void upload(ubs_renderer& renderer, const ubs_gaussians& arrays, Buffer<float>& to) {
+  const GaussianArrays addresses{arrays.means,     arrays.quats,     arrays.scales,
+                                 arrays.opacities, arrays.harmonics, arrays.bases};
+  const auto words = std::bit_cast<std::array<float, sizeof addresses / sizeof(float)>>(addresses);
+  reserve(renderer.session->device(), to, "addresses", words.size());
+  to.upload(words);
+}
+
+// Checks the members of ubs_gaussians for a renderer and returns them.
+ubs_gaussians checked(const ubs_renderer& renderer, const ubs_gaussians* arrays, const char* what) {
+  const ubs_gaussians found = taken(arrays, what);
+  if (!reads_arrays(renderer))
+    fail(ErrorKind::usage, "the renderer was created without UBS_RENDER_GAUSSIANS");
+  const float* const addresses[] = {found.means, found.quats, found.scales, found.opacities, found.harmonics};
+  if (found.count > 0 && std::ranges::count(addresses, nullptr) > 0)
+    fail(ErrorKind::usage, "{}: an array is NULL", what);
+  const int needed = renderer.shape.model.variant().harmonics();
+  if (found.bases < static_cast<std::uint32_t>(needed) || found.bases > 65536)
+    fail(ErrorKind::usage, "{}.bases is {}, but must be from {} to 65536", what, found.bases, needed);
+  return found;
 }
 
 std::span<const BufferView<float>> gradient_buffers(ubs_renderer& renderer) {
@@ -153,10 +219,11 @@ ubs_status ubs_renderer_create_falloff(ubs_device* device, const ubs_model* mode
                                        const ubs_falloff* falloff, ubs_renderer** renderer) {
   return made(renderer, [&] {
     const LoadedModel& loaded = given(model, "model").loaded;
-    if (flags & ~static_cast<unsigned>(UBS_RENDER_DEPTH | UBS_RENDER_GRADIENTS | UBS_RENDER_ABSGRAD))
+    if (flags & ~static_cast<unsigned>(UBS_RENDER_DEPTH | UBS_RENDER_GRADIENTS | UBS_RENDER_ABSGRAD |
+                                       UBS_RENDER_GAUSSIANS))
       fail(ErrorKind::usage,
-           "flags = {:#x}: this library supports only UBS_RENDER_DEPTH, UBS_RENDER_GRADIENTS and "
-           "UBS_RENDER_ABSGRAD",
+           "flags = {:#x}: this library supports only UBS_RENDER_DEPTH, UBS_RENDER_GRADIENTS, "
+           "UBS_RENDER_ABSGRAD and UBS_RENDER_GAUSSIANS",
            flags);
     if ((flags & UBS_RENDER_ABSGRAD) && !(flags & UBS_RENDER_GRADIENTS))
       fail(ErrorKind::usage, "UBS_RENDER_ABSGRAD requires UBS_RENDER_GRADIENTS");
@@ -177,8 +244,18 @@ ubs_status ubs_renderer_create_falloff(ubs_device* device, const ubs_model* mode
       SplatModel& empty = created->shape.model.groups.emplace_back();
       empty.dim = group.dim, empty.variant = group.variant, empty.count = group.count;
     }
-    created->session.emplace(created->open->device, loaded.model, values, (flags & UBS_RENDER_DEPTH) != 0,
-                             backward, (flags & UBS_RENDER_ABSGRAD) != 0, own);
+    KernelConfig config =
+        config_for(*created->open->device, loaded.model, values, (flags & UBS_RENDER_DEPTH) != 0, backward);
+    config.absgrad = flags & UBS_RENDER_ABSGRAD;
+    config.falloff = own;
+    config.gaussian_arrays = reads_arrays(*created);
+    if (config.gaussian_arrays) {
+      check_gaussians(loaded.model);
+      created->session.emplace(created->open->device, without_splats(created->shape.model), values, config);
+      need_addresses(*created);
+    } else {
+      created->session.emplace(created->open->device, loaded.model, values, config);
+    }
     return created;
   });
 }
@@ -196,10 +273,40 @@ ubs_status ubs_renderer_update(ubs_renderer* renderer, const ubs_model* model) {
     ubs_renderer& r = given(renderer, "renderer");
     const LoadedModel& loaded = given(model, "model").loaded;
     const std::lock_guard lock(r.open->mutex);
+    need_rows(r, "ubs_renderer_update");
     check_same_groups(r.shape.model, loaded.model, false, "the new model");
     r.kept.reset(), r.differentiated.reset();
     r.session->choose(loaded.model);
     r.shape.offset = loaded.offset;
+  });
+}
+
+ubs_status ubs_renderer_set_gaussians(ubs_renderer* renderer, const ubs_gaussians* gaussians) {
+  return guarded([&] {
+    ubs_renderer& r = given(renderer, "renderer");
+    const ubs_gaussians found = checked(r, gaussians, "gaussians");
+    const std::lock_guard lock(r.open->mutex);
+    const std::uint32_t stride = row_stride(found.count);  // throws if there are too many
+    r.kept.reset(), r.differentiated.reset();
+    upload(r, found, r.arrays);
+    r.gaussians = {&r.session->stages(), {r.arrays.view(), static_cast<std::uint32_t>(found.count), stride}};
+    r.bases = found.bases;
+  });
+}
+
+ubs_status ubs_renderer_get_gaussian_gradients(ubs_renderer* renderer, const ubs_gaussians* gradients) {
+  return guarded([&] {
+    ubs_renderer& r = given(renderer, "renderer");
+    const ubs_gaussians found = checked(r, gradients, "gradients");
+    const std::lock_guard lock(r.open->mutex);
+    need_gradient(r);
+    if (found.count != r.gaussians.splats.count || found.bases != r.bases)
+      fail(ErrorKind::usage, "gradients: {} Gaussians with {} bases, but {} with {} were rendered",
+           found.count, found.bases, r.gaussians.splats.count, r.bases);
+    upload(r, found, r.v_arrays);
+    const BufferView<float> to = r.v_arrays.view();
+    r.session->renderer().backward_from_records({&to, 1}, false);
+    r.session->device().finish();
   });
 }
 
@@ -215,7 +322,7 @@ ubs_status ubs_renderer_draw(ubs_renderer* renderer, const ubs_camera* camera, c
     ModelSession& session = *r.session;
     r.kept.reset(), r.differentiated.reset();
     session.renderer().set_cameras({view});
-    session.renderer().forward(session.model().view(), 0, session.settings(), out.for_gradient != 0);
+    session.renderer().forward(groups_to_draw(r), 0, session.settings(), out.for_gradient != 0);
     r.painted_over = false;
     if (out.for_gradient) r.kept = taken(camera, "camera");
     const auto room = [&](float* to, std::size_t channels) {
@@ -251,12 +358,13 @@ ubs_status ubs_renderer_vjp(ubs_renderer* renderer, const ubs_camera* camera,
     check_finite(alpha, "v_image.alpha");
     check_finite(depth, "v_image.depth");
     ModelSession& session = *r.session;
+    if (gradient) need_rows(r, "a model for the gradient");
     if (gradient) check_same_groups(groups_of(r), gradient->loaded.model, true, "the gradient");
     const auto buffers = gradient ? gradient_buffers(r) : std::span<const BufferView<float>>{};
     r.kept.reset(), r.differentiated.reset();
     if (camera) {
       session.renderer().set_cameras({view});
-      session.renderer().forward(session.model().view(), 0, session.settings(), true);
+      session.renderer().forward(groups_to_draw(r), 0, session.settings(), true);
     }
     r.painted_over = v.alpha || v.depth;
     backward_from_image(session.device(), session.renderer(), {rgb, alpha, depth, on_device}, buffers);
@@ -280,6 +388,7 @@ ubs_status ubs_renderer_loss(ubs_renderer* renderer, const ubs_camera* camera, c
       fail(ErrorKind::usage, "the mask leaves no pixel to compare");
     if (gradient) need_gradients(r);
     check_finite(image, "target");
+    need_rows(r, "ubs_renderer_loss");
     const std::lock_guard lock(r.open->mutex);
     ModelSession& session = *r.session;
     if (gradient) check_same_groups(groups_of(r), gradient->loaded.model, true, "the gradient");
@@ -332,19 +441,18 @@ ubs_status ubs_renderer_get_array(ubs_renderer* renderer, ubs_array_name name, u
            "group {} does not exist: the groups of splats of this model are numbered from 0 to {}", group,
            groups.size() - 1);
     const DeviceModel& splats = groups[group];
+    const std::uint32_t count = reads_arrays(r) ? r.gaussians.splats.count : splats.count();
     if (name == UBS_ARRAY_RGB && r.painted_over)
       fail(ErrorKind::usage,
            "computing the gradient of alpha or depth has overwritten the image: render it again");
-    if (!splats.view().params.memory->address().pointer)
-      fail(ErrorKind::usage,
-           "{} does not provide addresses of its memory: only CUDA devices and PoCL on CPUs do",
-           session.device().info().name);
+    need_addresses(r);
     BufferView<float> found;
-    // For arrays of records: the position of the first value, and the distance between the values of two
-    // splats.
-    std::size_t column = 0, stride = 0;
+    // For arrays of records: the position of the first value, the distance between the values of two splats,
+    // and the number of values per splat, 1 or 2.
+    std::size_t column = 0, stride = 0, values = 2;
     switch (name) {
       case UBS_ARRAY_PARAMETERS:
+        need_rows(r, "UBS_ARRAY_PARAMETERS");
         r.kept.reset(), r.differentiated.reset();
         found = splats.view().params;
         break;
@@ -366,6 +474,7 @@ ubs_status ubs_renderer_get_array(ubs_renderer* renderer, ubs_array_name name, u
         found = session.renderer().v_image(r.v_rgb_shape);
         break;
       case UBS_ARRAY_GRADIENT:
+        need_rows(r, "UBS_ARRAY_GRADIENT");
         need_gradient(r);
         session.renderer().backward_from_records(gradient_buffers(r), false);
         found = gradient_buffers(r)[group];
@@ -376,6 +485,12 @@ ubs_status ubs_renderer_get_array(ubs_renderer* renderer, ubs_array_name name, u
       case UBS_ARRAY_V_MEANS2D:
         need_gradient(r);
         found = session.renderer().v_records(), column = kGradX, stride = kGradStride;
+        break;
+      case UBS_ARRAY_MEANS2D:
+        found = session.renderer().records(), column = kSplatX, stride = kSplatStride;
+        break;
+      case UBS_ARRAY_DEPTHS:
+        found = session.renderer().records(), column = kSplatDepth, stride = kSplatStride, values = 1;
         break;
       default:
         fail(ErrorKind::usage, "there is no array {}", static_cast<int>(name));
@@ -396,8 +511,8 @@ ubs_status ubs_renderer_get_array(ubs_renderer* renderer, ubs_array_name name, u
     } else if (stride > 0) {
       for (std::size_t g = 0; g < group; ++g) column += stride * groups[g].count();
       out.values += column;
-      out.dims = 2;
-      out.shape[0] = splats.count(), out.shape[1] = 2;
+      out.dims = static_cast<std::int32_t>(values);
+      out.shape[0] = count, out.shape[1] = 2;
       out.strides[0] = static_cast<std::int64_t>(stride), out.strides[1] = 1;
     } else {
       put_picture(out, name == UBS_ARRAY_V_RGB ? r.v_rgb_shape : session.renderer().shape(),

@@ -73,6 +73,11 @@ Options depth_gradient_options(const KernelConfig& config) {
   return {"-DUBS_DEPTH_GRAD=1"};
 }
 
+Options array_options(const KernelConfig& config) {
+  if (!config.gaussian_arrays) return {};
+  return {"-DUBS_GAUSSIAN_ARRAYS=1"};
+}
+
 Options arithmetic_options(MathMode math) {
   if (math == MathMode::exact) return {};
   return {fmt::format("-DUBS_MATH={}", static_cast<int>(math))};

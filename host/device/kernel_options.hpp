@@ -29,6 +29,8 @@ Options extent_options(const KernelConfig& config);
 Options frozen_options(const KernelConfig& config);
 // Returns UBS_DEPTH_GRAD, for programs that read the gradients of projected splats.
 Options depth_gradient_options(const KernelConfig& config);
+// Returns UBS_GAUSSIAN_ARRAYS, for programs that read parameters or write their gradients.
+Options array_options(const KernelConfig& config);
 // Returns UBS_MATH, which selects exact or approximate arithmetic.
 Options arithmetic_options(MathMode math);
 // Returns the switches of the rasterisers. They select whether depth and absolute gradients are computed, the

@@ -52,6 +52,10 @@ struct KernelConfig {
   // gradients throw an error.
   bool backward = true;
   std::uint32_t frozen = 0;  // parameter groups that are not trained (host/scene/frozen_groups.hpp)
+  // The splats are 3D Gaussians with quaternions and spherical harmonics whose values are in arrays of the
+  // program: SplatView.params and ProjectBackward.v_params each contain one GaussianArrays. There are no
+  // stages that change parameters, no frozen groups, and gradients are not accumulated.
+  bool gaussian_arrays = false;
   MathMode math = MathMode::exact;
 };
 
@@ -71,6 +75,15 @@ struct ImageShape {
 struct ProjectionSettings {
   float near_plane = 0.01f, far_plane = 1e10f;
   float eps2d = 0.3f;  // added to the diagonal of the projected support ellipse [px^2]
+};
+
+// GaussianArrays contains the addresses, in the memory of the device, of arrays that belong to the program:
+// means (count, 3), quats (count, 4) with w first, scales (count, 3), opacities (count), and coefficients of
+// spherical harmonics (count, bases, 3). Scales and opacities are those that are rendered, not raw
+// parameters. kernels/map/arrays.h has a struct with the same name and layout.
+struct GaussianArrays {
+  float *means = nullptr, *quats = nullptr, *scales = nullptr, *opacities = nullptr, *harmonics = nullptr;
+  std::uint32_t bases = 0, unused = 0;
 };
 
 // SplatView refers to the raw parameters of splats on the device. Parameter k of splat i is at index

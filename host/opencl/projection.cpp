@@ -18,7 +18,7 @@ std::string large_register_option(const OpenclDevice& device) {
 }
 
 bool learns_in_one_pass(const OpenclDevice& device, const KernelConfig& config) {
-  return config.backward && device.info().type == DeviceType::cpu;
+  return config.backward && !config.gaussian_arrays && device.info().type == DeviceType::cpu;
 }
 
 enum class Gradient { parameters, camera };
@@ -28,7 +28,7 @@ ProgramSpec program(const OpenclDevice& device, const KernelConfig& config, Grad
       splat_program(device, config,
                     {"math/rotation.h", "math/covariance.h", "math/conditional.h", "math/direct.h",
                      "math/ellipse.h", "math/projection.h", "math/colour.h", "math/reach.h", "math/splat.h",
-                     "opencl/shuffles.h", "map/records.h", "map/project.cl"});
+                     "opencl/shuffles.h", "map/records.h", "map/arrays.h", "map/project.cl"});
   if (gradient == Gradient::camera) {
     spec.sources.push_back("map/camera.cl");
     spec.options.push_back("-DUBS_CAMERA_GRAD=1");
@@ -37,6 +37,7 @@ ProgramSpec program(const OpenclDevice& device, const KernelConfig& config, Grad
   }
   if (config.query_grad && gradient == Gradient::parameters) spec.options.push_back("-DUBS_QUERY_GRAD=1");
   append(spec.options, depth_gradient_options(config));
+  append(spec.options, array_options(config));
   append(spec.options, extent_options(config));
   append(spec.options, frozen_options(config));
   if (const std::string option = large_register_option(device); config.backward && !option.empty())

@@ -288,8 +288,9 @@ UBS_API ubs_status ubs_model_get_settings(const ubs_model* model, ubs_settings**
  * of a splat in the image is replaced by sums over the pixels of the absolute values of their contributions,
  * for x and y separately. ubs_renderer_vjp and ubs_renderer_loss then compute the gradients of the positions
  * of the splats from these sums, and gradients with respect to the camera are not available. The sums are a
- * criterion for densification (AbsGS, Ye et al. 2024). */
-enum { UBS_RENDER_DEPTH = 1, UBS_RENDER_GRADIENTS = 2, UBS_RENDER_ABSGRAD = 4 };
+ * criterion for densification (AbsGS, Ye et al. 2024).
+ * With UBS_RENDER_GAUSSIANS, the renderer reads Gaussians from arrays of the program (ubs_gaussians). */
+enum { UBS_RENDER_DEPTH = 1, UBS_RENDER_GRADIENTS = 2, UBS_RENDER_ABSGRAD = 4, UBS_RENDER_GAUSSIANS = 8 };
 
 typedef struct ubs_image {
   size_t size;
@@ -328,6 +329,20 @@ typedef struct ubs_loss {
   double l1, ssim; /* mean absolute difference, and mean SSIM */
 } ubs_loss;
 
+/* Gaussians in arrays of the program, with the layout of PyTorch and similar packages, or the gradients with
+ * respect to such Gaussians. The arrays are in the memory of the device of the renderer, which must be a CUDA
+ * device or a CPU with PoCL. They are not copied. */
+typedef struct ubs_gaussians {
+  size_t size;
+  uint64_t count;
+  float* means;     /* (count, 3) */
+  float* quats;     /* (count, 4), w first, of any length but 0 */
+  float* scales;    /* (count, 3), above 0: standard deviations along the axes */
+  float* opacities; /* (count), 0 to 1 */
+  float* harmonics; /* (count, bases, 3): coefficients of the spherical harmonics */
+  uint32_t bases;   /* at least as many as the degree of the renderer needs; further ones are not used */
+} ubs_gaussians;
+
 /* Creates a renderer and copies the model to the device. If `settings` is NULL, the settings of
  * ubs_model_get_settings are used. `flags` determines which operations the renderer supports. Gradients with
  * respect to positions include the effect of a position on the view direction. The published training ignores
@@ -361,6 +376,16 @@ UBS_API void ubs_renderer_free(ubs_renderer* renderer);
  * variants. Each of its groups must have at most as many splats as in the model that the renderer was created
  * with. */
 UBS_API ubs_status ubs_renderer_update(ubs_renderer* renderer, const ubs_model* model);
+/* Makes a renderer with UBS_RENDER_GAUSSIANS render these Gaussians. Such a renderer is created with a model of
+ * any number of splats with dim = 3, kernel = gaussian, rot_mode = quaternion and spherical harmonics; the
+ * values of this model are not used. The number of Gaussians may change with each call. The arrays must not be
+ * changed or freed until the renderer gets other arrays or is not used any more, and the functions
+ * ubs_renderer_update, ubs_renderer_loss, UBS_ARRAY_PARAMETERS and UBS_ARRAY_GRADIENT are not available. */
+UBS_API ubs_status ubs_renderer_set_gaussians(ubs_renderer* renderer, const ubs_gaussians* gaussians);
+/* Writes the gradients of the last ubs_renderer_vjp, which was called without a model, to arrays of the program,
+ * and waits until they are complete. `count` and `bases` must be those of the Gaussians. The function does not
+ * write the gradients of coefficients that are not used. */
+UBS_API ubs_status ubs_renderer_get_gaussian_gradients(ubs_renderer* renderer, const ubs_gaussians* gradients);
 /* Renders a view and copies the arrays of `image` that are not NULL. */
 UBS_API ubs_status ubs_renderer_draw(ubs_renderer* renderer, const ubs_camera* camera,
                                      const ubs_image* image);
@@ -413,7 +438,11 @@ typedef enum ubs_array_name {
   /* (splats, 2): the last gradient with respect to the position of each splat in the image [1/px], or the
    * sums of UBS_RENDER_ABSGRAD. The values may be written; UBS_ARRAY_GRADIENT and
    * ubs_renderer_camera_gradient are then computed from the written values. */
-  UBS_ARRAY_V_MEANS2D = 7
+  UBS_ARRAY_V_MEANS2D = 7,
+  /* (splats, 2): the position of each splat in the last image [px]. The positions of splats that are not
+   * between the near and far planes are computed with the depth 1. */
+  UBS_ARRAY_MEANS2D = 8,
+  UBS_ARRAY_DEPTHS = 9 /* (splats): the depth of each splat in the last image, in units of the world */
 } ubs_array_name;
 
 typedef struct ubs_array {
@@ -421,7 +450,7 @@ typedef struct ubs_array {
   float* values; /* address in the memory of the device */
   /* DLPack type and number of the device: 2 and the number of the CUDA device, or 1 and 0 for a CPU. */
   int32_t type, ordinal;
-  int32_t dims;                 /* number of dimensions, 2 or 3 */
+  int32_t dims;                 /* number of dimensions, 1 to 3 */
   int64_t shape[3], strides[3]; /* size of each dimension, and distance of its elements in floats */
 } ubs_array;
 

@@ -47,6 +47,10 @@ UBS_FN CameraView load_camera(SplatsInView view) {
 // selects the cache level of the prefetch. Prefetching into the second-level cache makes the backward kernel and
 // learn.cl 7 to 12 % faster, but the forward kernel 3 % slower (docs/results/2026-11-23-before-after.md).
 UBS_FN SplatRaw load_splats(SplatsInView view, uint first, int backward) {
+#if UBS_GAUSSIAN_ARRAYS
+  (void)backward;
+  return load_gaussians(*(UBS_GLOBAL const GaussianArrays*)view.params, first, view.count);
+#else
   SplatRaw raw;
   UBS_UNROLL for (int k = 0; k < kRowCount; ++k) {
     UBS_GLOBAL const real* row = view.params + (size_t)k * view.stride + first;
@@ -58,6 +62,7 @@ UBS_FN SplatRaw load_splats(SplatsInView view, uint first, int backward) {
     raw.e[k] = UBS_LOAD(row);
   }
   return raw;
+#endif
 }
 
 // Returns whether the length of the vector of raw parameters is at most UBS_RAW_MAX. This is false if a parameter is
@@ -211,8 +216,38 @@ UBS_FN SplatRaw raw_gradient(CameraView camera, SplatRaw raw, SplatImageVjp v) {
   return splat_vjp(camera, raw, sight, v, 0);
 }
 
-// Computes the gradient of the raw parameters. v_params has only the rows of trained parameters. The compiler removes
-// computations that are only needed for other rows.
+// Writes the gradient of the parameters. A splat that does not contribute gets exactly zero, even if its parameters are
+// not finite. v_params has only the rows of trained parameters. The compiler removes computations that are only needed
+// for other rows.
+UBS_FN void store_gradient(SplatRaw gradient, vmask contributing, uint first, SplatsInView view,
+                           UBS_GLOBAL real* v_params, uint accumulate) {
+#if UBS_GAUSSIAN_ARRAYS
+  (void)accumulate;  // the host does not ask for it
+  UBS_UNROLL for (int k = 0; k < kRowCount; ++k) gradient.e[k] = contributing ? gradient.e[k] : V(0.0);
+  store_gaussians(gradient, *(UBS_GLOBAL const GaussianArrays*)v_params, first, view.count);
+#else
+  UBS_UNROLL for (int k = 0; k < kRowCount; ++k) {
+    if (UBS_TRAINED_ROW(k + 1) == UBS_TRAINED_ROW(k)) continue;
+    UBS_GLOBAL real* row = v_params + (size_t)UBS_TRAINED_ROW(k) * view.stride + first;
+    vreal value = contributing ? gradient.e[k] : V(0.0);
+    UBS_PREFETCH_WRITE(row + UBS_PREFETCH_AHEAD * UBS_VW);
+    if (accumulate) value += UBS_LOAD(row);
+    UBS_STORE(value, row);
+  }
+#endif
+}
+
+UBS_FN void store_zero_gradient(uint first, SplatsInView view, UBS_GLOBAL real* v_params) {
+#if UBS_GAUSSIAN_ARRAYS
+  SplatRaw zero;
+  UBS_UNROLL for (int k = 0; k < kRowCount; ++k) zero.e[k] = V(0.0);
+  store_gaussians(zero, *(UBS_GLOBAL const GaussianArrays*)v_params, first, view.count);
+#else
+  UBS_UNROLL for (int k = 0; k < kTrainedRows; ++k)
+      UBS_STORE(V(0.0), v_params + (size_t)k * view.stride + first);
+#endif
+}
+
 UBS_FN void project_backward_items(uint item, SplatsInView view, UBS_GLOBAL const real* v_records,
                                    UBS_GLOBAL real* v_params, uint accumulate) {
   UBS_APART
@@ -223,18 +258,9 @@ UBS_FN void project_backward_items(uint item, SplatsInView view, UBS_GLOBAL cons
     SummedGradient in = load_summed(view, v_records, first);
     if (ubs_any(in.contributing)) {
       SplatRaw gradient = raw_gradient(cam, load_splats(view, first, 1), in.v);
-      UBS_UNROLL for (int k = 0; k < kRowCount; ++k) {
-        if (UBS_TRAINED_ROW(k + 1) == UBS_TRAINED_ROW(k)) continue;
-        UBS_GLOBAL real* row = v_params + (size_t)UBS_TRAINED_ROW(k) * view.stride + first;
-        // A splat that does not contribute has a gradient of exactly zero, even if its parameters are not finite.
-        vreal value = in.contributing ? gradient.e[k] : V(0.0);
-        UBS_PREFETCH_WRITE(row + UBS_PREFETCH_AHEAD * UBS_VW);
-        if (accumulate) value += UBS_LOAD(row);
-        UBS_STORE(value, row);
-      }
+      store_gradient(gradient, in.contributing, first, view, v_params, accumulate);
     } else if (!accumulate) {
-      UBS_UNROLL for (int k = 0; k < kTrainedRows; ++k)
-          UBS_STORE(V(0.0), v_params + (size_t)k * view.stride + first);
+      store_zero_gradient(first, view, v_params);
     }
   }
 }

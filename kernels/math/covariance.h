@@ -45,12 +45,18 @@ typedef struct {
   FrameMap m;
 } SpatialFrame;
 
+// Returns the scales that belong to parameters, and the derivative of a scale with respect to its parameter.
+UBS_FN Several scales_from(Several raw, int count) {
+  return UBS_GAUSSIAN_ARRAYS ? raw : softplus_several(raw, count);
+}
+UBS_FN vreal scale_slope(vreal raw) { return UBS_GAUSSIAN_ARRAYS ? V(1.0) : ubs_sigmoid(raw); }
+
 // Returns the scales of the parameters before clamping.
 UBS_FN FrameVec frame_scales(FrameRaw raw) {
   Several in;
   FrameVec scale;
   UBS_UNROLL for (int c = 0; c < UBS_F; ++c) in.e[c] = raw.scale[c];
-  in = softplus_several(in, UBS_F);
+  in = scales_from(in, UBS_F);
   UBS_UNROLL for (int c = 0; c < UBS_F; ++c) scale.e[c] = in.e[c];
   return scale;
 }
@@ -100,7 +106,7 @@ UBS_FN FrameVec floored_scales_vjp(FrameVec scale, FrameVec v) {
 // floored_scales() may have raised some of these scales.
 UBS_FN FrameVec frame_scales_vjp(FrameRaw raw, FrameVec v, int raised) {
   if (raised) v = floored_scales_vjp(frame_scales(raw), v);
-  UBS_UNROLL for (int c = 0; c < UBS_F; ++c) v.e[c] *= ubs_sigmoid(raw.scale[c]);
+  UBS_UNROLL for (int c = 0; c < UBS_F; ++c) v.e[c] *= scale_slope(raw.scale[c]);
   return v;
 }
 

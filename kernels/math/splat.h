@@ -90,7 +90,7 @@ UBS_FN SplatColour splat_colour(SplatRaw raw, Vec3 direction) {
 UBS_FN Several splat_scales(SplatRaw raw) {
   Several scales;
   UBS_UNROLL for (int i = 0; i < UBS_N; ++i) scales.e[i] = raw.e[kRowScale + i];
-  return softplus_several(scales, UBS_N);
+  return scales_from(scales, UBS_N);
 }
 
 UBS_FN FrameVec splat_frame_scales(SplatRaw raw) {
@@ -335,7 +335,7 @@ UBS_FN SplatState splat_state(CameraView cam, SplatRaw raw, Sight sight, int thi
 #endif
   if (UBS_VW == 1) sight = splat_sight(cam, raw);
   s.sight = sight;
-  s.opacity = ubs_sigmoid(raw.e[kRowOpacity]);
+  s.opacity = UBS_GAUSSIAN_ARRAYS ? raw.e[kRowOpacity] : ubs_sigmoid(raw.e[kRowOpacity]);
 
   if (UBS_COLOUR > 0) s.colour = splat_colour(raw, sight.direction);
 
@@ -441,7 +441,7 @@ UBS_FN SplatRaw splat_slice_vjp(SplatRaw out, SplatRaw raw, SpatialFrame frame, 
 #else
     UBS_UNROLL for (int j = 0; j < 3 + UBS_C; ++j)
       if (j < row) out.e[kRowL + UBS_TRIANGLE(row, j)] = q.b[i][j];
-    out.e[kRowScale + row] = q.b[i][row] * ubs_sigmoid(raw.e[kRowScale + row]);
+    out.e[kRowScale + row] = q.b[i][row] * scale_slope(raw.e[kRowScale + row]);
     if (!UBS_DIRECT && thin) {
       // A raised scale is s = k |row|, so its gradient v_s is passed to the row: v_s ds/drow = v_s k^2 row / s.
       vmask lifted = in.b[i][row] > splat_scales(raw).e[row];
@@ -527,7 +527,8 @@ UBS_FN SplatVjp splat_vjp(CameraView cam, SplatRaw raw, Sight sight, SplatImageV
     v_compensation = v.opacity * s.opacity * factor;
     factor *= s.projected.ellipse.compensation;
   }
-  out.e[kRowOpacity] = v.opacity * factor * s.opacity * ubs_sigmoid(-raw.e[kRowOpacity]);
+  out.e[kRowOpacity] = v.opacity * factor;
+  if (!UBS_GAUSSIAN_ARRAYS) out.e[kRowOpacity] = out.e[kRowOpacity] * s.opacity * ubs_sigmoid(-raw.e[kRowOpacity]);
 
   // M occurs not only in the covariance, but also in the mean mu_c = mu_x + M k: v_k = M^T v_mu, v_M += v_mu k^T.
   ProjectVjp p = project_vjp(cam, s.m, s.shrink, s.projected, v.x, v.y, v.ellipse, v_compensation, v.depth);

@@ -360,6 +360,53 @@ def test_images_are_differentiated_in_any_order(fused_calls: list[bool]) -> None
     assert len(fused_calls) == 3
 
 
+@pytest.mark.parametrize("packed", [True, False])
+def test_gradients_of_positions_without_the_image(packed: bool, fused_calls: list[bool]) -> None:
+    """Tests the gradients of losses that depend on positions and depths, but not on pixels, also after the image of the
+    same graph has been differentiated."""
+    s, found = case("sh 3"), []
+    for fixed in (CAMERA, ()):
+        mine = {k: v.clone().requires_grad_(k not in fixed) for k, v in s.items()}
+        images, _, meta = rasterization(**mine, width=WIDTH, height=HEIGHT, packed=packed, sh_degree=3)
+        sure = (meta["radii"] > 0).all(-1)
+        places = meta["means2d"][sure].square().sum() + 3 * meta["depths"][sure].square().sum()
+        torch.autograd.grad(images.square().sum(), mine["colors"], retain_graph=True)
+        (first,) = torch.autograd.grad(places, mine["means"], retain_graph=True)
+        (image,) = torch.autograd.grad(images.square().sum(), mine["means"], retain_graph=True)
+        (again,) = torch.autograd.grad(places, mine["means"], retain_graph=True)
+        assert torch.equal(first, again) and not torch.equal(first, image)
+        found.append((first, image))
+    assert fused_calls == [True]
+    for a, b in zip(*found):
+        assert norm_error(a, b.double()) < 2e-6
+
+
+def test_extreme_opacities_and_scales(fused_calls: list[bool]) -> None:
+    """Tests opacities of exactly 0 and 1 and tiny scales, which are read as they are."""
+    s = case("sh 3")
+    s["opacities"][::3], s["opacities"][1::3] = 0, 1
+    s["scales"][::4] = 1e-30
+    mine = {k: v.clone().requires_grad_(k not in CAMERA) for k, v in s.items()}
+    images = rasterization(**mine, width=WIDTH, height=HEIGHT, sh_degree=3)[0]
+    images.square().sum().backward()
+    assert len(fused_calls) == 1 and float(images.max()) > 0.1
+    for key, tensor in mine.items():
+        if key not in CAMERA:
+            assert tensor.grad.isfinite().all() and tensor.grad.abs().max() > 0, key
+    assert float(mine["opacities"].grad[1::3].abs().max()) > 0
+
+
+def test_kept_renderers_keep_no_tensors(fused_calls: list[bool]) -> None:
+    """Tests that a renderer that is kept for later calls does not keep the tensors of an earlier call alive."""
+    s = {k: v.requires_grad_(k not in CAMERA) for k, v in case("sh 3").items()}
+    image = rasterization(**s, width=WIDTH, height=HEIGHT, sh_degree=3)[0]
+    slots = [slot for slot in ubs._raster._slots if isinstance(slot, ubs.gsplat.fused.GaussianSlot)]
+    assert any(slot.reads() is not None for slot in slots) and fused_calls == [True]
+    image.sum().backward()
+    del image
+    assert all(slot.reads() is None for slot in slots)
+
+
 def test_strides_of_harmonics_do_not_matter(fused_calls: list[bool]) -> None:
     """Tests that the memory layout of the coefficients of spherical harmonics has no effect on their gradients."""
     s, gradients = case("sh 3"), []

@@ -161,7 +161,21 @@ class Array(Struct):
 
 
 # The names of a renderer's arrays, in the order of the enumeration ubs_array_name
-ARRAYS = ("parameters", "rgb", "transmittance", "depth", "v_rgb", "gradient", "extents", "v_means2d")
+ARRAYS = ("parameters", "rgb", "transmittance", "depth", "v_rgb", "gradient", "extents", "v_means2d", "means2d",
+          "depths")
+
+
+class Gaussians(Struct):
+    _fields_ = [
+        ("size", c_size_t),
+        ("count", c_uint64),
+        ("means", c_void_p),
+        ("quats", c_void_p),
+        ("scales", c_void_p),
+        ("opacities", c_void_p),
+        ("harmonics", c_void_p),
+        ("bases", c_uint32),
+    ]
 
 
 class Falloff(Struct):
@@ -196,7 +210,7 @@ class Metrics(Struct):
 StepFunction = ctypes.CFUNCTYPE(c_int, c_void_p, POINTER(Step))
 LogFunction = ctypes.CFUNCTYPE(None, c_void_p, c_int, c_char_p)
 
-RENDER_DEPTH, RENDER_GRADIENTS, RENDER_ABSGRAD = 1, 2, 4
+RENDER_DEPTH, RENDER_GRADIENTS, RENDER_ABSGRAD, RENDER_GAUSSIANS = 1, 2, 4, 8
 USE_DATA, USE_MODEL, USE_RENDERER, USE_TRAINER = 0, 1, 2, 3
 
 
@@ -245,6 +259,8 @@ _FUNCTIONS: dict[str, list[Any]] = {
     "model_get_settings": [_model, _out],
     "renderer_create_falloff": [_device, _model, _settings, c_uint, POINTER(Falloff), _out],
     "renderer_update": [_renderer, _model],
+    "renderer_set_gaussians": [_renderer, POINTER(Gaussians)],
+    "renderer_get_gaussian_gradients": [_renderer, POINTER(Gaussians)],
     "renderer_draw": [_renderer, POINTER(Camera), POINTER(Image)],
     "renderer_vjp": [_renderer, POINTER(Camera), POINTER(ImageGradient), _model],
     "renderer_loss": [_renderer, POINTER(Camera), c_void_p, c_void_p, c_float, POINTER(Loss), _model],

@@ -303,13 +303,14 @@ class Renderer(_abi.Handle):
         self._create(model, depth, gradients, absgrad, falloff, settings)
 
     def _create(
-        self, model: Model, depth: bool, gradients: bool, absgrad: bool, falloff: Falloff | None, settings: dict[str, Any]
+        self, model: Model, depth: bool, gradients: bool, absgrad: bool, falloff: Falloff | None, settings: dict[str, Any],
+        gaussians: bool = False,
     ) -> None:
         self.capacity = len(model)  # maximum number of splats of a model that is passed to update()
         self._depth = depth
         self._like: Model | None = model.copy() if gradients else None  # receives gradients; not visible to the caller
         flags = (_abi.RENDER_DEPTH if depth else 0) | (_abi.RENDER_GRADIENTS if gradients else 0)
-        flags |= _abi.RENDER_ABSGRAD if absgrad else 0
+        flags |= (_abi.RENDER_ABSGRAD if absgrad else 0) | (_abi.RENDER_GAUSSIANS if gaussians else 0)
         chosen: Any = None
         if settings:
             chosen = Settings.__new__(Settings)
@@ -401,6 +402,8 @@ class Renderer(_abi.Handle):
         - "gradient" (rows, splats), after vjp() or loss()
         - "extents" (splats, 2): half the width and height [px] of the rectangle around each splat in the last image;
           undefined for splats that are not between the near and the far plane
+        - "means2d" (splats, 2): the position of each splat in the last image [px]; the positions of splats that are not
+          between these planes are computed with the depth 1. "depths" (splats): their depths
         - "v_means2d" (splats, 2), after vjp() or loss(): the gradient with respect to the position of each splat in the
           image [1/px], or the sums of `absgrad`; may be written, and "gradient" is then computed from the written
           values
@@ -421,7 +424,7 @@ class Renderer(_abi.Handle):
             found = DeviceArray(self, array)
             if name == "v_rgb":
                 self._v_rgb = found.address
-            if name not in ("parameters", "gradient", "extents", "v_means2d"):
+            if name not in ("parameters", "gradient", "extents", "v_means2d", "means2d", "depths"):
                 self._lent.append(weakref.ref(found))
         return found
 

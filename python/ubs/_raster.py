@@ -32,104 +32,37 @@ Result = TypeVar("Result")
 # raise values below UBS_NEEDLE_CHOLESKY (kernels/limits.h) to this limit. THICKNESS is slightly above the limit.
 THICKNESS = 4e-4
 BEHIND = -1.0  # a depth that the camera of flat splats does not see
-INVISIBLE = -100.0  # a raw opacity that is so low that a Gaussian with it is not rendered
 FREE_SLOTS = 3  # number of renderers that are kept for later calls, for all devices together
 
 
-@dataclass(frozen=True)
-class Form:
-    """Describes the kind of splats that a renderer renders, and the settings of the renderer."""
-
-    kernel: str  # "gaussian" or "beta"
-    absgrad: bool = False  # whether the gradients of xyz are sums of absolute values
-    falloff: Falloff | None = None  # replaces the kernel beta
-    # With a degree, the splats are 3D Gaussians with quaternions, and their colours are spherical harmonics of this
-    # degree. With None, the splats are flat, and each has a constant colour.
-    degree: int | None = None
-    eps2d: float = 0
-    planes: tuple[float, float] = (1e-6, 1e30)  # the near and the far plane
-
-    def settings(self) -> dict[str, Any]:
-        near, far = self.planes
-        shape = {"cov_param": "cholesky"}
-        if self.degree is not None:
-            shape = {"rot_mode": "quaternion", "colour": f"sh{self.degree}"}
-        planes = {"near_plane": near, "far_plane": far}
-        return {"dim": 3, "kernel": self.kernel, "eps2d": self.eps2d, "background": (0, 0, 0), **shape, **planes}
-
-    def widths(self) -> dict[str, int]:
-        """Returns the names of the parameters in the order of the library, and for each its number of values per
-        splat."""
-        colours = {"rgb": 3}
-        if self.degree is not None:
-            rest = (self.degree + 1) ** 2 - 1
-            colours = {"sh0": 3, "sh_rest": 3 * rest} if rest else {"sh0": 3}
-        shape = {"l_triangle": 3} if self.degree is None else {"rotation": 4}
-        beta = {"beta": 1} if self.kernel == "beta" else {}
-        return {"xyz": 3, **colours, "opacity": 1, **beta, "scale": 3, **shape}
-
-
-# Number of splats whose spherical harmonics are transposed at once, so that they stay in the cache of a core. It is not
-# a power of two, because the rows would then be mapped to the same sets of the cache.
-CHUNK = 3000
-
-
 class Slot:
-    """A renderer with a capacity of `room` splats. If fewer splats are used, the others are made invisible. The caller
-    must hold `lock` while it uses a Slot."""
+    """A renderer that is kept for later calls. The caller must hold `lock` while it uses a Slot."""
 
-    def __init__(self, device: Device, room: int, form: Form) -> None:
-        self.device, self.room, self.form = device, room, form
+    def __init__(self, device: Device, form: Any, renderer: Renderer | None, shared: bool) -> None:
+        """shared: whether the renderer shares its memory with other packages, which is the case on CUDA devices and on
+        CPUs with PoCL."""
+        self.device, self.form, self.shared = device, form, shared
+        self._renderer = renderer
         self.lock = threading.Lock()
-        self.model = Model.empty(splats=room, **form.settings())
-        self.renderer = Renderer(self.model, device, gradients=True, absgrad=form.absgrad, falloff=form.falloff)
-        values, self.widths = self.model.parameters, form.widths()
-        if {name: values[name].shape[1] for name in values} != self.widths:
-            raise UsageError(f"the library has the parameters {tuple(values)}, not {tuple(self.widths)} as expected")
-        self.host = {name: torch.from_numpy(values[name].T) for name in values}
-        self.used = room
-        self.holds: object = None  # identifies the current values, see put()
         # The camera of the image that the device can differentiate without rendering it again, or None.
         self.kept: Camera | None = None
-        try:
-            self.renderer.array("parameters")
-            self.shared = True  # memory is shared with other packages: CUDA, or a CPU with PoCL
-        except UsageError:
-            self.shared = False
 
-    def _array(self, name: str, size: tuple[int, int] = (0, 0)) -> Tensor:
+    @property
+    def renderer(self) -> Renderer:
+        assert self._renderer is not None
+        return self._renderer
+
+    def fits(self, count: int) -> bool:
+        """Returns whether the renderer is suitable for this number of splats."""
+        return True
+
+    def outgrown(self, count: int) -> bool:
+        """Returns whether the renderer has become too small for its scene, which has this number of splats."""
+        return False
+
+    def array(self, name: str, size: tuple[int, int] = (0, 0)) -> Tensor:
         tensor: Tensor = cast(Any, torch).from_dlpack(self.renderer.array(name, size=size))
         return tensor
-
-    def _split(self, rows: Tensor) -> dict[str, Tensor]:
-        return dict(zip(self.widths, rows.split(list(self.widths.values()))))
-
-    def put(self, holder: object, values: dict[str, Tensor]) -> None:
-        """Copies the values of these parameters to the device. The shape of a tensor is (values per splat, splats), or
-        (channels, coefficients, splats) for spherical harmonics. `holder` identifies the values: the attribute `holds`
-        has this value until other values are copied."""
-        self.holds, self.kept = None, None
-        parts = self._split(self._array("parameters")) if self.shared else self.host
-        for name, value in values.items():
-            part = parts[name][:, : value.shape[-1]]
-            if value.dim() == 3:  # (channels, coefficients, splats)
-                part = part.unflatten(0, value.shape[:2])
-                for first in range(0, value.shape[-1], CHUNK):
-                    part[..., first : first + CHUNK] = value[..., first : first + CHUNK]
-            else:
-                part.copy_(value)
-        if "xyz" in values:
-            count = values["xyz"].shape[1]
-            if self.form.degree is None:
-                parts["xyz"][2, count : self.used] = BEHIND
-            else:  # no position is hidden from every camera, so unused splats get a very low opacity
-                parts["opacity"][:, count : self.used] = INVISIBLE
-            self.used = count
-        if self.shared:
-            _wait(parts["xyz"], *values.values())
-        else:
-            self.renderer.update(self.model)
-        self.holds = holder
 
     def draw(self, camera: Camera, where: torch.device, for_gradient: bool) -> tuple[Tensor, Tensor]:
         """Renders an image, and returns copies of the image (H, W, 3) and of its alpha (H, W)."""
@@ -140,44 +73,107 @@ class Slot:
         self.renderer.draw(camera, for_gradient=for_gradient)
         self.kept = camera if for_gradient else None
         rgb = torch.empty((camera.height, camera.width, 3), dtype=torch.float32, device=where)
-        rgb.copy_(self._array("rgb"))
-        alpha = (1 - self._array("transmittance")).to(where)
-        _wait(rgb, alpha)
+        rgb.copy_(self.array("rgb"))
+        alpha = (1 - self.array("transmittance")).to(where)
+        wait(rgb, alpha)
         return rgb, alpha
 
-    def extents(self) -> Tensor:
-        """Returns half the size of the rectangle around each used splat in the last image (splats, 2) [px]. The array
-        is valid until the next call."""
-        return self._array("extents")[: self.used]
-
-    def differentiate(self, camera: Camera, v_rgb: Tensor | None, v_alpha: Tensor | None) -> dict[str, Tensor]:
-        """Returns the gradients of each parameter for the used splats. They are valid until the next call. If the
-        splats have spherical harmonics, which requires `shared`, the entry "means2d" (splats, 2) is the gradient with
-        respect to the positions in the image [1/px], and the gradients of the parameters are those for fixed positions
-        in the image."""
+    def propagate(self, camera: Camera, v_rgb: Tensor | None, v_alpha: Tensor | None) -> list[dict[str, Any]]:
+        """Computes the gradients of the splats from those of the image. Leaves them on the device if the memory is
+        shared. Otherwise, returns those of the parameters as Renderer.vjp() does."""
         if self.kept is not camera:
             self.renderer.draw(camera, for_gradient=True)
         self.kept = None
+        copied: list[dict[str, Any]] = []
         if self.shared:
             self.renderer.vjp(None, gradient_on_device(self.renderer, camera, v_rgb, v_alpha), parameters=False)
-            self.kept = camera if v_alpha is None else None
-            found = {}
-            if self.form.degree is not None:
-                v_means2d = self._array("v_means2d")[: self.used]
-                found["means2d"] = v_means2d.clone()
-                v_means2d.zero_()
-                _wait(v_means2d)
-            rows = self._array("gradient")[:, : self.used]
-            if not is_finite(rows):
-                raise NumericalError("a gradient of the splats is not finite")
-            return {**found, **self._split(rows)}
-        images = (None if v is None else v.contiguous().cpu().numpy() for v in (v_rgb, v_alpha))
-        copied = self.renderer.vjp(None, *images)[0]
+        else:
+            images = (None if v is None else v.contiguous().cpu().numpy() for v in (v_rgb, v_alpha))
+            copied = cast(Any, self.renderer.vjp(None, *images))
         self.kept = camera if v_alpha is None else None
-        return {name: torch.from_numpy(values.T)[:, : self.used] for name, values in copied.items()}
+        return copied
 
 
-def _wait(*tensors: Tensor) -> None:
+@dataclass(frozen=True)
+class Form:
+    """Describes the kind of flat splats that a renderer renders."""
+
+    kernel: str  # "gaussian" or "beta"
+    absgrad: bool = False  # whether the gradients of xyz are sums of absolute values
+    falloff: Falloff | None = None  # replaces the kernel beta
+
+    def settings(self) -> dict[str, Any]:
+        return {"dim": 3, "kernel": self.kernel, "eps2d": 0, "background": (0, 0, 0), "cov_param": "cholesky",
+                "near_plane": 1e-6, "far_plane": 1e30}
+
+    def widths(self) -> dict[str, int]:
+        """Returns the names of the parameters in the order of the library, and for each its number of values per
+        splat."""
+        beta = {"beta": 1} if self.kernel == "beta" else {}
+        return {"xyz": 3, "rgb": 3, "opacity": 1, **beta, "scale": 3, "l_triangle": 3}
+
+    def slot(self, device: Device, count: int) -> FlatSlot:
+        return FlatSlot(device, -(-max(count * 5 // 4, 16) // 256) * 256, self)
+
+
+class FlatSlot(Slot):
+    """A renderer of flat splats with a capacity of `room` splats. If fewer splats are used, the others are made
+    invisible."""
+
+    def __init__(self, device: Device, room: int, form: Form) -> None:
+        self.model = Model.empty(splats=room, **form.settings())
+        renderer = Renderer(self.model, device, gradients=True, absgrad=form.absgrad, falloff=form.falloff)
+        try:
+            renderer.array("parameters")
+            shared = True
+        except UsageError:
+            shared = False
+        super().__init__(device, form, renderer, shared)
+        values, self.widths = self.model.parameters, form.widths()
+        if {name: values[name].shape[1] for name in values} != self.widths:
+            raise UsageError(f"the library has the parameters {tuple(values)}, not {tuple(self.widths)} as expected")
+        self.host = {name: torch.from_numpy(values[name].T) for name in values}
+        self.room = self.used = room
+        self.holds: object = None  # identifies the values on the device
+
+    def fits(self, count: int) -> bool:
+        return count <= self.room <= 4 * count + 4096
+
+    def outgrown(self, count: int) -> bool:
+        return count / 2 <= self.room < count
+
+    def _split(self, rows: Tensor) -> dict[str, Tensor]:
+        return dict(zip(self.widths, rows.split(list(self.widths.values()))))
+
+    def put(self, holder: object, values: dict[str, Tensor]) -> None:
+        """Copies the values (values per splat, splats) of these parameters to the device. `holder` identifies the
+        values: the attribute `holds` has this value until other values are copied."""
+        self.holds, self.kept = None, None
+        parts = self._split(self.array("parameters")) if self.shared else self.host
+        for name, value in values.items():
+            parts[name][:, : value.shape[-1]].copy_(value)
+        if "xyz" in values:
+            count = values["xyz"].shape[1]
+            parts["xyz"][2, count : self.used] = BEHIND
+            self.used = count
+        if self.shared:
+            wait(parts["xyz"], *values.values())
+        else:
+            self.renderer.update(self.model)
+        self.holds = holder
+
+    def differentiate(self, camera: Camera, v_rgb: Tensor | None, v_alpha: Tensor | None) -> dict[str, Tensor]:
+        """Returns the gradients of each parameter for the used splats. They are valid until the next call."""
+        copied = self.propagate(camera, v_rgb, v_alpha)
+        if not self.shared:
+            return {name: torch.from_numpy(values.T)[:, : self.used] for name, values in copied[0].items()}
+        rows = self.array("gradient")[:, : self.used]
+        if not is_finite(rows):
+            raise NumericalError("a gradient of the splats is not finite")
+        return self._split(rows)
+
+
+def wait(*tensors: Tensor) -> None:
     """Waits for the streams of torch, because the library does not synchronise with them."""
     for device in {tensor.device for tensor in tensors if tensor.is_cuda}:
         torch.cuda.current_stream(device).synchronize()
@@ -205,7 +201,7 @@ def gradient_on_device(renderer: Renderer, camera: Camera, v_rgb: Tensor | None,
         into.scatter_(-1, most, v[..., None])
         change = torch.where(v_alpha == 0, torch.zeros_like(v), -v_alpha * left / v)
         image.scatter_add_(-1, most, change[..., None])
-    _wait(into, *(t for t in (v_rgb, v_alpha) if t is not None))
+    wait(into, *(t for t in (v_rgb, v_alpha) if t is not None))
     return array
 
 
@@ -213,20 +209,19 @@ _slots: list[Slot] = []  # the most recently used one is at the end
 _slots_lock = threading.Lock()
 
 
-def slot_for(device: DeviceLike, count: int, form: Form) -> Slot:
-    """Returns a kept renderer whose capacity is sufficient for `count` splats, but not many times larger. If there is
-    none, creates one with spare capacity."""
+def slot_for(device: DeviceLike, count: int, form: Any) -> Any:
+    """Returns a kept renderer of this form that is suitable for `count` splats. If there is none, creates one with
+    form.slot()."""
     where = opened(device)
     with _slots_lock:
         alike = [s for s in _slots if (s.device, s.form) == (where, form)]
-        fitting = [s for s in alike if count <= s.room <= 4 * count + 4096]
+        fitting = [s for s in alike if s.fits(count)]
         if fitting:
-            slot = min(fitting, key=lambda s: s.room)
+            slot = fitting[-1]
             _slots.remove(slot)
         else:
-            # Remove renderers that have become too small for their scene.
-            _slots[:] = [s for s in _slots if s not in alike or not count / 2 <= s.room < count]
-            slot = Slot(where, -(-max(count * 5 // 4, 16) // 256) * 256, form)
+            _slots[:] = [s for s in _slots if s not in alike or not s.outgrown(count)]
+            slot = form.slot(where, count)
         _slots.append(slot)
         del _slots[:-FREE_SLOTS]
     return slot
@@ -247,6 +242,11 @@ def extremes(tensor: Tensor) -> tuple[float, float]:
 def is_finite(tensor: Tensor) -> bool:
     # A sum is faster than the minimum and the maximum, but the sum of finite values may overflow.
     return math.isfinite(float(tensor.detach().sum())) or all(map(math.isfinite, extremes(tensor)))
+
+
+def stacked(tensors: list[Tensor]) -> Tensor:
+    """Does the same as torch.stack(), but does not copy a single tensor."""
+    return tensors[0][None] if len(tensors) == 1 else torch.stack(tensors)
 
 
 class Rows:
@@ -423,7 +423,7 @@ class Draw(torch.autograd.Function):
                     width = min(3, channels - first)
                     v_colors[:, first : first + width] = v["rgb"][:width].T
                     total = [a + b for a, b in zip(total, rows.gradients(v))]
-                    _wait(*total)
+                    wait(*total)
             if ctx.absgrad is not None:
                 slot = slot_for(slot.device, len(means2d), replace(slot.form, absgrad=True))
                 with slot.lock:

@@ -54,6 +54,11 @@ std::vector<KernelConfig> configurations() {
   };
   add([](KernelConfig& c) { c.alpha_min = 1.0f / 255, c.depth = true, c.depth_grad = true; });
   add([](KernelConfig& c) { c.absgrad = true; });
+  add([](KernelConfig& c) {
+    c.query_grad = c.gaussian_arrays = true;
+    c.variant = {
+        .rot_mode = RotMode::quaternion, .kernel = SpatialKernel::gaussian, .colour = ColourMode::sh3};
+  });
   // The kernels for N > 7 are not compiled ahead of time.
   add([](KernelConfig& c) { c.dim = 8, c.query_grad = true; });
   if (test::whole_sweep()) add([](KernelConfig& c) { c.dim = 11; });

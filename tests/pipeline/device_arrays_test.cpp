@@ -54,6 +54,24 @@ std::vector<float> values_of(const Model& model) {
   return all;
 }
 
+// Gaussians in arrays. gaussian_arrays_test.cpp tests their values.
+struct Gaussians {
+  std::vector<float> means, quats, scales, opacities, harmonics;
+  explicit Gaussians(std::size_t count, float value = 0)
+      : means(3 * count, value),
+        quats(4 * count, value),
+        scales(3 * count, value),
+        opacities(count, value),
+        harmonics(12 * count, value) {}
+  ubs_gaussians to_c() {
+    auto c = sized<ubs_gaussians>();
+    c.count = opacities.size();
+    c.means = means.data(), c.quats = quats.data(), c.scales = scales.data();
+    c.opacities = opacities.data(), c.harmonics = harmonics.data(), c.bases = 4;
+    return c;
+  }
+};
+
 template <typename Action>
 void check_usage(const std::string& part, const Action& action) {
   try {
@@ -156,6 +174,72 @@ TEST_CASE("arrays of a renderer in device memory equal the copied values") {
     CHECK(seen > 20);
     check_usage("group 1 does not exist", [&] { renderer.array(UBS_ARRAY_GRADIENT, 1); });
     check_usage("without UBS_RENDER_DEPTH", [&] { renderer.array(UBS_ARRAY_DEPTH); });
+  }
+}
+
+TEST_CASE("a renderer reads Gaussians from arrays of the program") {
+  for (const ubs_device_info& device : Device::list()) {
+    INFO(device.name);
+    const Device opened(std::string(device.backend) + ":" + device.name);
+    Settings settings;
+    settings.set("dim", 3).set("kernel", "gaussian").set("rot_mode", "quaternion").set("colour", "sh1");
+    const Model model(settings, 1);
+    const unsigned flags = UBS_RENDER_GAUSSIANS | UBS_RENDER_GRADIENTS;
+    const ubs_camera camera = camera_of();
+    const bool pocl_cpu =
+        std::string(device.platform) == "Portable Computing Language" && device.type == UBS_DEVICE_CPU;
+    check_usage("requires a model", [&] { Renderer(opened, splats(1), flags); });
+    if (std::string(device.backend) == "opencl" && !pocl_cpu) {
+      check_usage("does not provide addresses", [&] { Renderer(opened, model, flags); });
+      continue;
+    }
+    Renderer renderer(opened, model, flags), plain(opened, model, UBS_RENDER_GRADIENTS);
+    check_usage("no Gaussians yet", [&] { renderer.draw(camera); });
+    const std::vector<float> v(3 * kWidth * kHeight, 1.0f);
+    if (renderer.array(UBS_ARRAY_V_RGB, 0, kHeight, kWidth).type != 1) continue;  // the memory of a GPU
+
+    Gaussians given(3), gradient(3, 7);
+    for (std::size_t i = 0; i < 3; ++i) {
+      given.means[3 * i] = 0.2f * static_cast<float>(i), given.means[3 * i + 2] = 3;
+      given.quats[4 * i] = 1;
+      given.opacities[i] = 0.5f;
+      for (std::size_t k = 0; k < 3; ++k) given.scales[3 * i + k] = 0.3f, given.harmonics[12 * i + k] = 1;
+    }
+    renderer.set_gaussians(given.to_c());
+    check_usage("no gradient yet", [&] { renderer.get_gaussian_gradients(gradient.to_c()); });
+    const Picture three = renderer.draw(camera);
+    CHECK(*std::ranges::max_element(three.alpha) > 0.5f);
+    renderer.vjp(camera, v, {}, nullptr);
+    renderer.get_gaussian_gradients(gradient.to_c());
+    for (const float g : gradient.opacities) CHECK((g > 0 && g != 7));
+    CHECK(std::ranges::count(gradient.harmonics, 7.0f) == 0);
+    const std::vector<float> means2d = values_of(renderer.array(UBS_ARRAY_MEANS2D));
+    REQUIRE(means2d.size() == 6);
+    CHECK(means2d[2] == Approx(kWidth / 2.0 + 30 * 0.2 / 3).epsilon(1e-5));
+    const ubs_array depths = renderer.array(UBS_ARRAY_DEPTHS);
+    CHECK(depths.dims == 1);
+    CHECK(depths.values[2 * depths.strides[0]] == 3);
+
+    Gaussians one(1);  // another number of Gaussians, of opacity 0
+    one.quats[0] = one.scales[0] = one.scales[1] = one.scales[2] = 1;
+    renderer.set_gaussians(one.to_c());
+    CHECK(renderer.draw(camera).alpha == std::vector<float>(kWidth * kHeight));
+    renderer.vjp(camera, v, {}, nullptr);
+    check_usage("3 Gaussians with 4 bases, but 1 with 4",
+                [&] { renderer.get_gaussian_gradients(gradient.to_c()); });
+    renderer.set_gaussians(Gaussians(0).to_c());
+    CHECK(renderer.draw(camera).alpha == std::vector<float>(kWidth * kHeight));
+
+    ubs_gaussians wrong = given.to_c();
+    wrong.bases = 3;
+    check_usage("bases is 3, but must be from 4", [&] { renderer.set_gaussians(wrong); });
+    wrong.bases = 4, wrong.quats = nullptr;
+    check_usage("an array is NULL", [&] { renderer.set_gaussians(wrong); });
+    check_usage("without UBS_RENDER_GAUSSIANS", [&] { plain.set_gaussians(given.to_c()); });
+    check_usage("not available with UBS_RENDER_GAUSSIANS", [&] { renderer.update(model); });
+    check_usage("not available with UBS_RENDER_GAUSSIANS", [&] { renderer.array(UBS_ARRAY_PARAMETERS); });
+    check_usage("not available with UBS_RENDER_GAUSSIANS", [&] { renderer.loss(camera, v, 0.2f); });
+    check_usage("not available with UBS_RENDER_GAUSSIANS", [&] { renderer.vjp(camera, v, {}, model); });
   }
 }
 

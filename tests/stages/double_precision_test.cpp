@@ -69,10 +69,11 @@ TEST_CASE("double-precision kernels agree with the host", "[stages]") {
       WARN("SKIPPED: " << device->info().name << " is not an OpenCL device with double precision");
       continue;
     }
-    const opencl::ProgramSpec spec{{"math/rotation.h", "math/covariance.h", "math/conditional.h",
-                                    "math/direct.h", "math/ellipse.h", "math/projection.h", "math/colour.h",
-                                    "math/reach.h", "math/splat.h", "map/records.h", "map/project.cl"},
-                                   {fmt::format("-DUBS_N={}", UBS_N), "-DUBS_VW=1", "-DUBS_REAL_DOUBLE=1"}};
+    const opencl::ProgramSpec spec{
+        {"math/rotation.h", "math/covariance.h", "math/conditional.h", "math/direct.h", "math/ellipse.h",
+         "math/projection.h", "math/colour.h", "math/reach.h", "math/splat.h", "map/records.h",
+         "map/arrays.h", "map/project.cl"},
+        {fmt::format("-DUBS_N={}", UBS_N), "-DUBS_VW=1", "-DUBS_REAL_DOUBLE=1"}};
     Buffer<double> params(*device, "params", in.params.size()), camera(*device, "camera", in.camera.size());
     Buffer<double> records(*device, "records", static_cast<std::size_t>(kSplatsStride) * kSplatStride);
     Buffer<double> v_records(*device, "v_records", in.v_records.size()),

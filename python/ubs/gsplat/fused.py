@@ -1,28 +1,30 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The fast implementation of rasterization(), in which the device projects the Gaussians and evaluates their spherical
-harmonics.
+"""The fast implementation of rasterization(), in which the device reads the tensors of the Gaussians, projects the
+Gaussians and evaluates their spherical harmonics, and writes the gradients to tensors.
 
 It supports the calls that most trainers make: the Gaussians have quaternions and scales, all cameras share spherical
 harmonics up to degree 3, and the viewmats and Ks of the pinhole cameras need no gradients. supports() and
-rasterization() test all conditions. PyTorch computes the positions in the image a second time, so that means2d is a
-tensor with a gradient. The device returns the gradient with respect to these positions, and the gradients of the
-parameters for fixed positions; PyTorch adds the part that goes through the positions."""
+rasterization() test all conditions."""
 
 from __future__ import annotations
 
+import ctypes
+import weakref
 from dataclasses import dataclass
 from typing import Any
 
 import torch
 from torch import Tensor
 
+from .. import _abi
 from .._data import Camera
-from .._device import DeviceLike
-from .._raster import CHUNK, Form, Slot, first_order, scale_inverse, slot_for
+from .._device import Device, DeviceLike
+from .._errors import NumericalError, UsageError
+from .._model import Model, Renderer
+from .._raster import Slot, first_order, is_finite, slot_for, stacked, wait
 from .._settings import BOOLEANS
 
 LEAST_ALPHA = 1 / 255  # Gaussians with a lower opacity are not rendered
-LEAST_SCALE = 1e-15  # scales must be larger, because the softplus of the kernels has no gradient for smaller ones
 NOT_A_ROTATION = 2e-6  # a matrix R counts as a rotation if all entries of R R^T - I are below this value
 
 
@@ -33,37 +35,86 @@ class Gaussians:
     scales: Tensor  # (n, 3), above 0
     opacities: Tensor  # (n,)
     colors: Tensor  # (n, K, 3)
-    degree: int
 
     def tensors(self) -> tuple[Tensor, ...]:
         return self.means, self.quats, self.scales, self.opacities, self.colors
 
-    def values(self) -> dict[str, Tensor]:
-        """Returns the raw parameters of the splats by name. Their last dimension is the number of splats."""
-        used = self.colors[:, : (self.degree + 1) ** 2].permute(2, 1, 0)
-        opacities = self.opacities.clamp(1e-8, 1 - 2.0**-24)
-        found = {
-            "xyz": self.means.T, "sh0": used[:, 0], "opacity": torch.logit(opacities)[None],
-            "scale": scale_inverse(self.scales).T, "rotation": self.quats.T,
-        }
-        return {**found, "sh_rest": used[:, 1:]} if self.degree > 0 else found
+    def to_c(self) -> _abi.Gaussians:
+        """Returns the addresses of the tensors, which must be contiguous."""
+        means, quats, scales, opacities, colors = (tensor.data_ptr() for tensor in self.tensors())
+        return _abi.Gaussians(
+            count=len(self.means), means=means, quats=quats, scales=scales, opacities=opacities, harmonics=colors,
+            bases=self.colors.shape[1],
+        )
 
-    def gradients(self, v: dict[str, Tensor]) -> tuple[Tensor, ...]:
-        """Converts the gradients of the raw parameters to gradients of tensors(), and returns these."""
-        opacities = self.opacities.clamp(1e-8, 1 - 2.0**-24)
-        count = (self.degree + 1) ** 2
-        shape = self.colors.shape  # new tensors with this shape are contiguous, but colors may have other strides
-        v_colors = self.colors.new_empty(shape) if count == shape[1] else self.colors.new_zeros(shape)
-        flat = v_colors.view(len(v_colors), -1)
-        flat[:, :3] = v["sh0"].T
-        if self.degree > 0:
-            rest = v["sh_rest"].unflatten(0, (3, count - 1)).transpose(0, 1)  # coefficient by coefficient, as in colors
-            for first in range(0, len(flat), CHUNK):
-                rows = rest[..., first : first + CHUNK].reshape(3 * (count - 1), -1)
-                flat[first : first + CHUNK, 3 : 3 * count] = rows.T
-        v_scales = v["scale"].T / -torch.expm1(-self.scales)
-        v_opacities = v["opacity"][0] / (opacities * (1 - opacities))
-        return v["xyz"].T.contiguous(), v["rotation"].T.contiguous(), v_scales, v_opacities, v_colors
+
+class _GaussianRenderer(Renderer):
+    """A renderer that reads Gaussians from tensors in the memory of its device."""
+
+    def __init__(self, model: Model, device: Device) -> None:
+        self.device = device
+        self._create(model, depth=False, gradients=True, absgrad=False, falloff=None, settings={}, gaussians=True)
+
+
+@dataclass(frozen=True)
+class Form:
+    """Describes what a renderer of Gaussians renders."""
+
+    degree: int  # of the spherical harmonics
+    eps2d: float
+    planes: tuple[float, float]  # the near and the far plane
+
+    def slot(self, device: Device, count: int) -> GaussianSlot:
+        return GaussianSlot(device, self)
+
+
+class GaussianSlot(Slot):
+    """A renderer of any number of Gaussians."""
+
+    def __init__(self, device: Device, form: Form) -> None:
+        near, far = form.planes
+        model = Model.empty(
+            dim=3, splats=1, kernel="gaussian", rot_mode="quaternion", colour=f"sh{form.degree}", eps2d=form.eps2d,
+            background=(0, 0, 0), near_plane=near, far_plane=far,
+        )
+        try:
+            super().__init__(device, form, _GaussianRenderer(model, device), shared=True)
+            self.memory = self.array("v_rgb", (1, 1)).device  # where the tensors must be
+        except UsageError:
+            super().__init__(device, form, None, shared=False)
+        # The Gaussians that the device reads. The slot does not keep their tensors alive, because trainers replace them.
+        self.reads: weakref.ref[Gaussians] | None = None
+
+    def readable(self, splats: Gaussians) -> Gaussians:
+        """Returns these Gaussians as tensors that the device can read. Copies only tensors that are in other memory or
+        not contiguous."""
+        return Gaussians(*(t.detach().to(self.memory).contiguous() for t in splats.tensors()))
+
+    def put(self, splats: Gaussians) -> None:
+        """Makes the device render the result of readable(). The caller must keep it until it has been rendered, and
+        until it has been differentiated."""
+        if self.reads is not None and self.reads() is splats:
+            return
+        self.reads, self.kept = None, None
+        wait(*splats.tensors())
+        _abi.call("renderer_set_gaussians", self.renderer, ctypes.byref(splats.to_c()))
+        self.reads = weakref.ref(splats)
+
+    def differentiate(
+        self, splats: Gaussians, camera: Camera, v_rgb: Tensor | None, v_alpha: Tensor | None
+    ) -> tuple[Tensor, tuple[Tensor, ...]]:
+        """Returns the gradient with respect to the positions in the image (n, 2) [1/px], and those of the tensors of
+        the Gaussians, which include the effect of the positions."""
+        self.put(splats)
+        self.propagate(camera, v_rgb, v_alpha)
+        v_means2d = self.array("v_means2d").clone()
+        v = Gaussians(*(torch.empty_like(tensor) for tensor in splats.tensors()))
+        v.colors[:, (self.form.degree + 1) ** 2 :] = 0
+        wait(v_means2d, v.colors)
+        _abi.call("renderer_get_gaussian_gradients", self.renderer, ctypes.byref(v.to_c()))
+        if not all(map(is_finite, v.tensors())):
+            raise NumericalError("a gradient of the splats is not finite")
+        return v_means2d, v.tensors()
 
 
 @dataclass
@@ -72,10 +123,12 @@ class Drawn:
 
     rgb: Tensor  # (H, W, 3)
     alpha: Tensor  # (H, W)
+    means2d: Tensor  # (n, 2) [px], computed with a depth of 1 for Gaussians that are not between the planes
+    depths: Tensor  # (n,)
     extents: Tensor  # (n, 2), half the size of the rectangle around each ellipse [px]
-    slot: Slot
+    slot: GaussianSlot
     camera: Camera
-    holder: object  # identifies the Gaussians on the device
+    splats: Gaussians  # a result of GaussianSlot.readable()
 
 
 def supports(
@@ -88,7 +141,7 @@ def supports(
         return False
     if scales is None or len(viewmats) == 0:
         return False
-    if len(scales) == 0 or not bool((scales > LEAST_SCALE).all()):
+    if len(scales) == 0 or not bool((scales > 0).all()):
         return False
     if colors.dim() != 3 or len(colors) != len(scales) or colors.shape[1] < (degree + 1) ** 2 or colors.shape[2] != 3:
         return False
@@ -104,27 +157,29 @@ def supports(
 
 
 def draw(
-    splats: Gaussians, viewmats: Tensor, ks: Tensor, size: tuple[int, int], planes: tuple[float, float], eps2d: float,
-    device: DeviceLike,
+    splats: Gaussians, degree: int, viewmats: Tensor, ks: Tensor, size: tuple[int, int], planes: tuple[float, float],
+    eps2d: float, device: DeviceLike,
 ) -> list[Drawn] | None:
     """Renders the image of each camera. Returns None if the device does not share its memory."""
-    form = Form("gaussian", degree=splats.degree, eps2d=eps2d, planes=planes)
-    slot, where = slot_for(device, len(splats.means), form), splats.means.device
+    slot: GaussianSlot = slot_for(device, len(splats.means), Form(degree, eps2d, planes))
+    where = splats.means.device
     if not slot.shared:
         return None
     recorded = torch.is_grad_enabled() and any(t.requires_grad for t in splats.tensors())
-    holder, found = object(), []
+    found = []
     with torch.no_grad(), slot.lock:
-        slot.put(holder, splats.values())
+        readable = slot.readable(splats)
+        slot.put(readable)
         for matrix, k in zip(viewmats.cpu().double().numpy(), ks.cpu().double().numpy()):
             camera = Camera.from_matrix(matrix, k, *size)
             rgb, alpha = slot.draw(camera, where, recorded)
-            found.append(Drawn(rgb, alpha, slot.extents().to(where, copy=True), slot, camera, holder))
+            points, depths, extents = (slot.array(name).to(where, copy=True) for name in ("means2d", "depths", "extents"))
+            found.append(Drawn(rgb, alpha, points, depths, extents, slot, camera, readable))
     return found
 
 
-def means2d(means: Tensor, viewmats: Tensor, ks: Tensor, planes: tuple[float, float]) -> tuple[Tensor, Tensor]:
-    """Returns the positions (C, n, 2) in the images, and the depths (C, n)."""
+def positions(means: Tensor, viewmats: Tensor, ks: Tensor, planes: tuple[float, float]) -> tuple[Tensor, Tensor]:
+    """Returns the positions (C, n, 2) in the images, and the depths (C, n), as the device computes them."""
     x, y, z = means[:, 0:1], means[:, 1:2], means[:, 2:3]
     columns = viewmats[:, None, :3].unbind(-1)  # not a matrix product, which would lose precision in torch.autocast
     points = x * columns[0] + y * columns[1] + z * columns[2] + columns[3]
@@ -136,16 +191,53 @@ def means2d(means: Tensor, viewmats: Tensor, ks: Tensor, planes: tuple[float, fl
     return focal * points[..., :2] * over[..., None] + ks[:, None, [0, 1], [2, 2]], depths
 
 
+class Project(torch.autograd.Function):
+    """Connects the positions and depths that the device has computed with the means in the graph of PyTorch.
+
+    The inputs are: the means (n, 3), viewmats, ks, the planes, the positions (C, n, 2), and the depths (C, n). The
+    outputs are the positions, the depths, and the positions a second time. Render gets the positions twice, and returns
+    the gradient with respect to the first ones, for the caller of rasterization(), and the negative of it for the
+    second ones, because its gradient of the means includes the effect of the positions. So backward() only has to add
+    the effect of other functions of the positions and depths, which most callers do not have."""
+
+    @staticmethod
+    def forward(ctx: Any, *inputs: Any, **_: Any) -> tuple[Tensor, ...]:
+        means, viewmats, ks, planes, points, depths = inputs
+        ctx.save_for_backward(means, viewmats, ks)
+        ctx.planes = planes
+        ctx.set_materialize_grads(False)
+        return points, depths, points.new_zeros(1).expand_as(points)
+
+    @staticmethod
+    @first_order
+    def backward(ctx: Any, *v: Tensor | None) -> tuple[Any, ...]:
+        v_points, v_depths, v_second = v
+        if v_points is not None and v_second is not None:
+            v_points = v_points + v_second
+        elif v_points is None:
+            v_points = v_second
+        given = [part for part in (v_points, v_depths) if part is not None and bool(part.any())]
+        v_means = None
+        if given:
+            means, viewmats, ks = ctx.saved_tensors
+            with torch.enable_grad():
+                means = means.detach().requires_grad_()
+                points, depths = positions(means, viewmats, ks, ctx.planes)
+            of = [(out, part) for out, part in ((points, v_points), (depths, v_depths)) if part is not None]
+            (v_means,) = torch.autograd.grad([out for out, _ in of], means, [part for _, part in of])
+        return (v_means,) + (None,) * 5
+
+
 class Render(torch.autograd.Function):
     """Returns the image of a Drawn, which has already been rendered, with gradients. The inputs are: the Drawn, the
-    degree of the spherical harmonics, the indices of the splats that means2d contains (None for all splats), means2d,
-    and the tensors of Gaussians. The outputs are the image and its alpha."""
+    indices of the splats that means2d contains (None for all splats), means2d, the positions of all splats, and the
+    tensors of Gaussians. The outputs are the image and its alpha. Project describes the gradients of the positions."""
 
     @staticmethod
     def forward(ctx: Any, *inputs: Any, **_: Any) -> tuple[Tensor, Tensor]:
         drawn: Drawn = inputs[0]
-        ctx.slot, ctx.camera, ctx.holder = drawn.slot, drawn.camera, drawn.holder
-        ctx.degree, ctx.ids = inputs[1:3]
+        ctx.slot, ctx.camera, ctx.splats = drawn.slot, drawn.camera, drawn.splats
+        ctx.ids = inputs[1]
         ctx.save_for_backward(*inputs[4:])
         ctx.set_materialize_grads(False)
         return drawn.rgb, drawn.alpha
@@ -155,32 +247,32 @@ class Render(torch.autograd.Function):
     def backward(ctx: Any, v_rgb: Tensor | None, v_alpha: Tensor | None) -> tuple[Any, ...]:
         if v_rgb is None and v_alpha is None:
             return (None,) * 9
-        means, quats, scales, opacities, colors = ctx.saved_tensors
-        splats = Gaussians(means, quats, scales, opacities, colors, ctx.degree)
-        slot: Slot = ctx.slot
+        where = ctx.saved_tensors[0].device  # raises an error if a tensor has been changed since it was rendered
+        slot: GaussianSlot = ctx.slot
         with slot.lock:
-            if slot.holds is not ctx.holder:
-                slot.put(ctx.holder, splats.values())
-            v = slot.differentiate(ctx.camera, v_rgb, v_alpha)
-            v = {name: tensor.to(splats.means.device) for name, tensor in v.items()}
-            v_means2d = v["means2d"] if ctx.ids is None else v["means2d"][ctx.ids]
-            found = splats.gradients(v)
-        return (None, None, None, v_means2d, *found)
+            v_all, found = slot.differentiate(ctx.splats, ctx.camera, v_rgb, v_alpha)
+        v_means2d = v_all = v_all.to(where)
+        if ctx.ids is not None:
+            v_means2d = v_all[ctx.ids]
+            v_all = torch.zeros_like(v_all).index_copy_(0, ctx.ids, v_means2d)
+        return (None, None, v_means2d, -v_all, *(v.to(where) for v in found))
 
 
 def render(
-    splats: Gaussians, viewmats: Tensor, ks: Tensor, size: tuple[int, int], planes: tuple[float, float], eps2d: float,
-    packed: bool, device: DeviceLike, meta: dict[str, Any],
+    splats: Gaussians, degree: int, viewmats: Tensor, ks: Tensor, size: tuple[int, int], planes: tuple[float, float],
+    eps2d: float, packed: bool, device: DeviceLike, meta: dict[str, Any],
 ) -> list[tuple[Tensor, Tensor]] | None:
     """Returns the image (H, W, 3) and the alpha (H, W) of each camera, without background. Writes into `meta` those
     entries of the dictionary of rasterization() that describe splats, except for conics. Returns None, and writes
     nothing, if the device does not share its memory."""
-    drawn = draw(splats, viewmats, ks, size, planes, eps2d, device)
+    drawn = draw(splats, degree, viewmats, ks, size, planes, eps2d, device)
     if drawn is None:
         return None
-    points, depths = means2d(splats.means, viewmats, ks, planes)
+    computed = [[image.means2d, image.depths, image.extents] for image in drawn]
+    points, depths, extents = (stacked(list(tensors)) for tensors in zip(*computed))
+    points, depths, second = Project.apply(splats.means, viewmats, ks, planes, points, depths)
     opacities = splats.opacities.expand_as(depths)
-    radii = _radii(torch.stack([image.extents for image in drawn]), points, depths, opacities, size, planes)
+    radii = _radii(extents, points, depths, opacities, size, planes)
     ids: tuple[Tensor, ...] | None = torch.where((radii > 0).all(-1)) if packed else None
     if ids is None:
         meta.update(batch_ids=None, camera_ids=None, gaussian_ids=None)
@@ -192,8 +284,8 @@ def render(
         counts = torch.bincount(ids[0], minlength=len(drawn)).tolist()
         own, parts = list(ids[1].split(counts)), points.split(counts)
     meta.update(radii=radii, means2d=points, depths=depths, opacities=opacities)
-    splits = zip(drawn, own, parts)
-    return [Render.apply(image, splats.degree, some, part, *splats.tensors()) for image, some, part in splits]
+    splits = zip(drawn, own, parts, second.unbind())
+    return [Render.apply(image, some, part, all_, *splats.tensors()) for image, some, part, all_ in splits]
 
 
 def _radii(
@@ -204,6 +296,7 @@ def _radii(
     image or of the planes, or whose opacity is below LEAST_ALPHA."""
     with torch.no_grad():
         seen = (depths >= planes[0]) & (depths <= planes[1]) & (opacities >= LEAST_ALPHA)
-        radii = torch.ceil(torch.where(seen[..., None], extents, torch.zeros_like(extents)))
-        seen = seen & ((points + radii > 0) & (points - radii < radii.new_tensor(size))).all(-1)
-        return torch.where(seen[..., None], radii, torch.zeros_like(radii)).to(torch.int32)
+        radii = torch.ceil(extents)
+        for side, at, radius in zip(size, points.unbind(-1), radii.unbind(-1)):
+            seen = seen & ((at - side / 2).abs_() < radius + side / 2)
+        return radii.masked_fill_(~seen[..., None], 0).to(torch.int32)

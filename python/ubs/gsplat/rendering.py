@@ -12,7 +12,7 @@ from torch import Tensor
 
 from .._device import DeviceLike
 from .._errors import NumericalError, UsageError
-from .._raster import AbsGrad, SparseGradient, draw, extremes, is_finite
+from .._raster import AbsGrad, SparseGradient, draw, extremes, is_finite, stacked
 from .._settings import BOOLEANS
 from . import fused
 from .absent import refusing
@@ -521,8 +521,8 @@ def rasterization(
     if plain and not special and fused.supports(colors, scales, viewmats, Ks, sh_degree, planes, eps2d):
         assert quats is not None and scales is not None and sh_degree is not None
         _check("colors", colors, tuple(colors.shape), like=means)
-        splats = fused.Gaussians(means, quats, scales, opacities, colors, int(sh_degree))
-        pictures = fused.render(splats, viewmats, Ks, size, planes, eps2d, packed, device, meta)
+        splats = fused.Gaussians(means, quats, scales, opacities, colors)
+        pictures = fused.render(splats, int(sh_degree), viewmats, Ks, size, planes, eps2d, packed, device, meta)
         if pictures is not None:
 
             def conics() -> Tensor:
@@ -612,7 +612,7 @@ def _blended(
             image = torch.cat([image[..., :-1], image[..., -1:] / alpha.clamp_min(1e-10)], -1)
         images.append(image)
         alphas.append(alpha)
-    return torch.stack(images).reshape(*shape, values.shape[-1]), torch.stack(alphas).reshape(*shape, 1)
+    return stacked(images).reshape(*shape, values.shape[-1]), stacked(alphas).reshape(*shape, 1)
 
 
 def _shaded(
