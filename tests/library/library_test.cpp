@@ -599,7 +599,7 @@ TEST_CASE("errors describe the problem") {
               [&] { ubs::Renderer(device, small_model(8)).draw(simple_camera()); });
   check_error(UBS_ERROR_USAGE, "UBS_RENDER_GRADIENTS",
               [&] { renderer.vjp(simple_camera(), pixels, {}, ubs::Model(model)); });
-  check_error(UBS_ERROR_USAGE, "flags", [&] { ubs::Renderer(device, model, 8u); });
+  check_error(UBS_ERROR_USAGE, "flags", [&] { ubs::Renderer(device, model, 16u); });
   check_error(UBS_ERROR_USAGE, "far_plane = 0.001",
               [&] { ubs::Renderer(device, model, model.settings().set("far_plane", "0.001")); });
   ubs::Renderer with_gradients(device, model, UBS_RENDER_GRADIENTS);

@@ -20,21 +20,39 @@ struct Arrays {
   std::vector<float> means, quats, scales, opacities, harmonics;
   std::uint32_t bases = 0;
 
-  Arrays(std::size_t count, int used_bases)
-      : means(3 * count), quats(4 * count), scales(3 * count), opacities(count), bases(used_bases) {
+  Arrays(std::size_t count, int bases_of_harmonics)
+      : means(3 * count),
+        quats(4 * count),
+        scales(3 * count),
+        opacities(count),
+        bases(static_cast<std::uint32_t>(bases_of_harmonics)) {
     harmonics.assign(3 * count * bases, 7.0f);
   }
-  GaussianArrays addresses() {
-    return {means.data(), quats.data(), scales.data(), opacities.data(), harmonics.data(), bases};
-  }
+  std::array<std::vector<float>*, 5> all() { return {&means, &quats, &scales, &opacities, &harmonics}; }
 };
 
-Buffer<float> table(Device& device, Arrays& arrays) {
-  const auto words = std::bit_cast<std::array<float, sizeof(GaussianArrays) / 4>>(arrays.addresses());
-  Buffer<float> buffer(device, "addresses", words.size());
-  buffer.upload(words);
-  return buffer;
-}
+// The same arrays in the memory of a device, and a table of their addresses.
+struct DeviceArrays {
+  std::vector<Buffer<float>> buffers;
+  Buffer<float> table;
+
+  DeviceArrays(Device& device, Arrays& arrays) {
+    std::array<float*, 5> at{};
+    for (const std::vector<float>* values : arrays.all()) {
+      buffers.emplace_back(device, "array", values->size());
+      buffers.back().upload(*values);
+      at[buffers.size() - 1] = static_cast<float*>(buffers.back().view().memory->address().pointer);
+    }
+    const GaussianArrays addresses{at[0], at[1], at[2], at[3], at[4], arrays.bases};
+    const auto words = std::bit_cast<std::array<float, sizeof addresses / sizeof(float)>>(addresses);
+    table = Buffer<float>(device, "addresses", words.size());
+    table.upload(words);
+  }
+  void download(Arrays& arrays) const {
+    const auto all = arrays.all();
+    for (std::size_t i = 0; i < all.size(); ++i) buffers[i].download(std::span<float>(*all[i]));
+  }
+};
 
 double sigmoid(double x) { return 1 / (1 + std::exp(-x)); }
 
@@ -92,13 +110,13 @@ Errors errors_of(Device& device, RasterKind raster, ColourMode colour, std::size
   config.gaussian_arrays = true;
   const auto array_stages = make_stages(device, config);
   Renderer renderer(device, *array_stages);
-  Buffer<float> given = table(device, arrays), wanted = table(device, found);
+  const DeviceArrays given(device, arrays), to(device, found);
   const RenderGroup group{array_stages.get(),
-                          {given.view(), static_cast<std::uint32_t>(count), row_stride(count)}};
-  const BufferView<float> to = wanted.view();
-  const ViewLoss loss = view_loss(device, *array_stages, renderer, std::span(&group, 1), std::span(&to, 1),
-                                  scene.camera, target, {}, 0.2f, {});
-  device.finish();
+                          {given.table.view(), static_cast<std::uint32_t>(count), row_stride(count)}};
+  const BufferView<float> v_params = to.table.view();
+  const ViewLoss loss = view_loss(device, *array_stages, renderer, std::span(&group, 1),
+                                  std::span(&v_params, 1), scene.camera, target, {}, 0.2f, {});
+  to.download(found);
 
   Errors errors{std::abs(loss.loss - rows.loss)};
   const auto compare = [&](const std::vector<float>& result, const std::vector<float>& reference) {
@@ -113,23 +131,23 @@ Errors errors_of(Device& device, RasterKind raster, ColourMode colour, std::size
   return errors;
 }
 
-bool in_host_memory(Device& device) {
-  const Buffer<float> buffer(device, "test", 1);
-  const DeviceAddress address = buffer.view().memory->address();
-  return address.pointer && !address.on_card;
+bool has_addresses(Device& device) {
+  return Buffer<float>(device, "test", 1).view().memory->address().pointer != nullptr;
 }
 
 TEST_CASE("Gaussians in arrays of the program are rendered and differentiated like rows") {
   for (const auto& device : devices_under_test()) {
-    if (!in_host_memory(*device)) continue;
+    if (!has_addresses(*device)) continue;
     for (const RasterKind raster : rasters_of(*device))
       for (const ColourMode colour : {ColourMode::sh0, ColourMode::sh1, ColourMode::sh2, ColourMode::sh3}) {
         if (on_host(*device) && colour != ColourMode::sh3) continue;
         const Errors errors = errors_of(*device, raster, colour, 37, colour == ColourMode::sh1 ? 5 : 0);
         INFO(device->info().name << ", colour " << static_cast<int>(colour) << ": " << errors.loss << ", "
                                  << errors.gradient);
-        CHECK(errors.loss < 3e-8);
-        CHECK(errors.gradient < 1.3e-6);
+        // GPUs may round differently in the two programs.
+        const bool cpu = device->info().type == DeviceType::cpu || on_host(*device);
+        CHECK(errors.loss < (cpu ? 3e-8 : 1e-6));
+        CHECK(errors.gradient < (cpu ? 1.3e-6 : 2e-5));
       }
   }
 }
@@ -140,7 +158,7 @@ TEST_CASE("Gaussians in arrays have the same gradient with every vector width") 
   for (std::size_t i = 0; i < devices.size(); ++i)
     for (const unsigned width : {16u, 8u, 4u, 1u}) {
       const auto device = opencl::open_device(i, width);
-      if (!in_host_memory(*device)) continue;
+      if (!has_addresses(*device)) continue;
       const Errors errors = errors_of(*device, RasterKind::gpu, ColourMode::sh2, 21, 0);
       INFO(devices[i].name << ", width " << width << ": " << errors.loss << ", " << errors.gradient);
       CHECK(errors.loss < 3e-8);
