@@ -101,5 +101,8 @@
 // Lower bound of the blur compensation in the formula of its derivative. The compensation of a splat that is far
 // smaller than a pixel is below this value.
 #define UBS_COMPENSATION_MIN R(1e-6)
+// Lower bound of the blur compensation of Gaussians in arrays of the program (UBS_GAUSSIAN_ARRAYS). It is the one of
+// gsplat, so that images are the same; a Gaussian with this compensation is hardly visible.
+#define UBS_COMPENSATION_ARRAYS R(0.005)
 // The footprint of a splat is enlarged by this margin [px], because its bounds are rounded to single precision.
 #define UBS_FOOTPRINT_MARGIN R(1e-3)

@@ -97,11 +97,11 @@ bool reads_arrays(const ubs_renderer& renderer) { return renderer.flags & UBS_RE
 
 void check_gaussians(const MixedModel& model) {
   const ModelVariant variant = model.variant();
-  if (model.groups.size() != 1 || model.dim() != 3 || variant.has_spatial_beta() ||
-      variant.harmonics() == 0 || variant.lobes() > 0 || variant.rot_mode != RotMode::quaternion)
+  if (model.groups.size() != 1 || model.dim() != 3 || variant.has_spatial_beta() || variant.lobes() > 0 ||
+      variant.rot_mode != RotMode::quaternion)
     fail(ErrorKind::usage,
          "UBS_RENDER_GAUSSIANS requires a model with dim = 3, kernel = gaussian, rot_mode = quaternion and "
-         "spherical harmonics, not {} ({})",
+         "no lobes, not {} ({})",
          to_string(model), to_string(variant));
 }
 
@@ -132,8 +132,8 @@ void need_rows(const ubs_renderer& renderer, const char* what) {
 
 // Copies addresses to the device.
 void upload(ubs_renderer& renderer, const ubs_gaussians& arrays, Buffer<float>& to) {
-  const GaussianArrays addresses{arrays.means,     arrays.quats,     arrays.scales,
-                                 arrays.opacities, arrays.harmonics, arrays.bases};
+  const GaussianArrays addresses{arrays.means,     arrays.quats,   arrays.scales,
+                                 arrays.opacities, arrays.colours, arrays.bases};
   const auto words = std::bit_cast<std::array<float, sizeof addresses / sizeof(float)>>(addresses);
   reserve(renderer.session->device(), to, "addresses", words.size());
   to.upload(words);
@@ -144,10 +144,10 @@ ubs_gaussians checked(const ubs_renderer& renderer, const ubs_gaussians* arrays,
   const ubs_gaussians found = taken(arrays, what);
   if (!reads_arrays(renderer))
     fail(ErrorKind::usage, "the renderer was created without UBS_RENDER_GAUSSIANS");
-  const float* const addresses[] = {found.means, found.quats, found.scales, found.opacities, found.harmonics};
+  const float* const addresses[] = {found.means, found.quats, found.scales, found.opacities, found.colours};
   if (found.count > 0 && std::ranges::count(addresses, nullptr) > 0)
     fail(ErrorKind::usage, "{}: an array is NULL", what);
-  const int needed = renderer.shape.model.variant().harmonics();
+  const int needed = std::max(1, renderer.shape.model.variant().harmonics());
   if (found.bases < static_cast<std::uint32_t>(needed) || found.bases > 65536)
     fail(ErrorKind::usage, "{}.bases is {}, but must be from {} to 65536", what, found.bases, needed);
   return found;
@@ -492,6 +492,9 @@ ubs_status ubs_renderer_get_array(ubs_renderer* renderer, ubs_array_name name, u
       case UBS_ARRAY_DEPTHS:
         found = session.renderer().records(), column = kSplatDepth, stride = kSplatStride, values = 1;
         break;
+      case UBS_ARRAY_OPACITIES:
+        found = session.renderer().records(), column = kSplatOpacity, stride = kSplatStride, values = 1;
+        break;
       default:
         fail(ErrorKind::usage, "there is no array {}", static_cast<int>(name));
     }
@@ -512,7 +515,7 @@ ubs_status ubs_renderer_get_array(ubs_renderer* renderer, ubs_array_name name, u
       for (std::size_t g = 0; g < group; ++g) column += stride * groups[g].count();
       out.values += column;
       out.dims = static_cast<std::int32_t>(values);
-      out.shape[0] = count, out.shape[1] = 2;
+      out.shape[0] = count, out.shape[1] = static_cast<std::int64_t>(values);
       out.strides[0] = static_cast<std::int64_t>(stride), out.strides[1] = 1;
     } else {
       put_picture(out, name == UBS_ARRAY_V_RGB ? r.v_rgb_shape : session.renderer().shape(),

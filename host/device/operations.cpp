@@ -9,10 +9,10 @@ std::unique_ptr<Stages> make_stages(Device& device, const KernelConfig& config) 
   if (config.dim < 3 || config.dim > 11)
     fail(ErrorKind::usage, "splats can have 3 to 11 dimensions, not {}", config.dim);
   check_variant(config.dim, config.variant);
-  if (config.gaussian_arrays && (config.dim != 3 || config.variant.has_spatial_beta() || config.frozen != 0 ||
-                                 config.variant.rot_mode != RotMode::quaternion ||
-                                 config.variant.harmonics() == 0 || config.variant.lobes() > 0))
-    fail(ErrorKind::internal, "arrays of the program must contain Gaussians with quaternions and harmonics");
+  if (config.gaussian_arrays &&
+      (config.dim != 3 || config.variant.has_spatial_beta() || config.variant.lobes() > 0 ||
+       config.variant.rot_mode != RotMode::quaternion || config.frozen != 0))
+    fail(ErrorKind::internal, "arrays of the program must contain Gaussians with quaternions");
   return device.make_stages(config);
 }
 

@@ -52,9 +52,9 @@ struct KernelConfig {
   // gradients throw an error.
   bool backward = true;
   std::uint32_t frozen = 0;  // parameter groups that are not trained (host/scene/frozen_groups.hpp)
-  // The splats are 3D Gaussians with quaternions and spherical harmonics whose values are in arrays of the
-  // program: SplatView.params and ProjectBackward.v_params each contain one GaussianArrays. There are no
-  // stages that change parameters, no frozen groups, and gradients are not accumulated.
+  // The splats are 3D Gaussians with quaternions, and harmonics or plain colours, whose values are in arrays
+  // of the program: SplatView.params and ProjectBackward.v_params each contain one GaussianArrays. There are
+  // no stages that change parameters, no frozen groups, and gradients are not accumulated.
   bool gaussian_arrays = false;
   MathMode math = MathMode::exact;
 };
@@ -78,11 +78,12 @@ struct ProjectionSettings {
 };
 
 // GaussianArrays contains the addresses, in the memory of the device, of arrays that belong to the program:
-// means (count, 3), quats (count, 4) with w first, scales (count, 3), opacities (count), and coefficients of
-// spherical harmonics (count, bases, 3). Scales and opacities are those that are rendered, not raw
-// parameters. kernels/map/arrays.h has a struct with the same name and layout.
+// means (count, 3), quats (count, 4) with w first, scales (count, 3), opacities (count), and colours (count,
+// bases, 3), which are coefficients of spherical harmonics unless the model has plain colours. Scales and
+// opacities are those that are rendered, not raw parameters. kernels/map/arrays.h has a struct with the same
+// name and layout.
 struct GaussianArrays {
-  float *means = nullptr, *quats = nullptr, *scales = nullptr, *opacities = nullptr, *harmonics = nullptr;
+  float *means = nullptr, *quats = nullptr, *scales = nullptr, *opacities = nullptr, *colours = nullptr;
   std::uint32_t bases = 0, unused = 0;
 };
 

@@ -339,8 +339,8 @@ typedef struct ubs_gaussians {
   float* quats;     /* (count, 4), w first, of any length but 0 */
   float* scales;    /* (count, 3), above 0: standard deviations along the axes */
   float* opacities; /* (count), 0 to 1 */
-  float* harmonics; /* (count, bases, 3): coefficients of the spherical harmonics */
-  uint32_t bases;   /* at least as many as the degree of the renderer needs; further ones are not used */
+  float* colours;   /* (count, bases, 3): coefficients of the spherical harmonics, or plain colours */
+  uint32_t bases;   /* at least as many as the renderer needs (1 for plain colours); further ones are not used */
 } ubs_gaussians;
 
 /* Creates a renderer and copies the model to the device. If `settings` is NULL, the settings of
@@ -377,10 +377,10 @@ UBS_API void ubs_renderer_free(ubs_renderer* renderer);
  * with. */
 UBS_API ubs_status ubs_renderer_update(ubs_renderer* renderer, const ubs_model* model);
 /* Makes a renderer with UBS_RENDER_GAUSSIANS render these Gaussians. Such a renderer is created with a model of
- * any number of splats with dim = 3, kernel = gaussian, rot_mode = quaternion and spherical harmonics; the
- * values of this model are not used. The number of Gaussians may change with each call. The arrays must not be
- * changed or freed until the renderer gets other arrays or is not used any more, and the functions
- * ubs_renderer_update, ubs_renderer_loss, UBS_ARRAY_PARAMETERS and UBS_ARRAY_GRADIENT are not available. */
+ * any number of splats with dim = 3, kernel = gaussian, rot_mode = quaternion and no lobes; the values of this
+ * model are not used. The number of Gaussians may change with each call. The arrays must not be changed or
+ * freed until the renderer gets other arrays or is not used any more. The functions ubs_renderer_update and
+ * ubs_renderer_loss, and UBS_ARRAY_PARAMETERS and UBS_ARRAY_GRADIENT, are not available. */
 UBS_API ubs_status ubs_renderer_set_gaussians(ubs_renderer* renderer, const ubs_gaussians* gaussians);
 /* Writes the gradients of the last ubs_renderer_vjp, which was called without a model, to arrays of the program,
  * and waits until they are complete. `count` and `bases` must be those of the Gaussians. The function does not
@@ -442,7 +442,10 @@ typedef enum ubs_array_name {
   /* (splats, 2): the position of each splat in the last image [px]. The positions of splats that are not
    * between the near and far planes are computed with the depth 1. */
   UBS_ARRAY_MEANS2D = 8,
-  UBS_ARRAY_DEPTHS = 9 /* (splats): the depth of each splat in the last image, in units of the world */
+  UBS_ARRAY_DEPTHS = 9, /* (splats): the depth of each splat in the last image, in units of the world */
+  /* (splats): the opacity with which each splat is rendered in the last image. The values of splats that are not
+   * between the near and far planes are undefined. */
+  UBS_ARRAY_OPACITIES = 10
 } ubs_array_name;
 
 typedef struct ubs_array {

@@ -7,14 +7,15 @@
 #if UBS_GAUSSIAN_ARRAYS
 
 // GaussianArrays contains the addresses of arrays: means (count, 3), quats (count, 4) with w first, scales (count, 3),
-// opacities (count) and harmonics (count, bases, 3). `bases` is at least UBS_SH_COUNT; further bases are not used. The
-// host has a struct with the same name and layout (host/device/stages.hpp).
+// opacities (count) and colours (count, bases, 3). The colours are coefficients of spherical harmonics; `bases` is at
+// least UBS_SH_COUNT, and further bases are not used. Without harmonics, `bases` is 1. The host has a struct with the
+// same name and layout (host/device/stages.hpp).
 typedef struct {
-  UBS_GLOBAL real *means, *quats, *scales, *opacities, *harmonics;
+  UBS_GLOBAL real *means, *quats, *scales, *opacities, *colours;
   uint bases, unused;
 } GaussianArrays;
 
-enum { kHarmonics = 3 * UBS_SH_COUNT };  // used coefficients per Gaussian
+enum { kColours = UBS_COLOUR ? 3 * UBS_SH_COUNT : 3 };  // number of used values of `colours` per Gaussian
 
 // Returns the first `words` of `stride` values of the Gaussians `first` to first + UBS_VW - 1. Field k of the result
 // contains value k. `words` is a constant, at most 16.
@@ -60,8 +61,8 @@ UBS_FN void store_values(Records r, UBS_GLOBAL real* to, uint stride, uint first
     }
 }
 
-// Returns the row of value i of the harmonics of a Gaussian.
-UBS_FN int harmonic_row(int i) { return sh_row(i % 3, i / 3); }
+// Returns the row of value i of the colours of a Gaussian.
+UBS_FN int colour_row(int i) { return UBS_COLOUR ? sh_row(i % 3, i / 3) : kRowRgb + i; }
 
 UBS_FN SplatRaw load_gaussians(GaussianArrays from, uint first, uint count) {
   SplatRaw raw;
@@ -72,11 +73,11 @@ UBS_FN SplatRaw load_gaussians(GaussianArrays from, uint first, uint count) {
   UBS_UNROLL for (int k = 0; k < 4; ++k) raw.e[kRowL + k] = quats.field[k];
   UBS_UNROLL for (int k = 0; k < 3; ++k) raw.e[kRowScale + k] = scales.field[k];
   raw.e[kRowOpacity] = load_values(from.opacities, 1, first, count, 1).field[0];
-  UBS_UNROLL for (int part = 0; part < kHarmonics; part += 16) {
-    int words = kHarmonics - part < 16 ? kHarmonics - part : 16;
-    Records harmonics = load_values(from.harmonics + part, 3 * from.bases, first, count, words);
+  UBS_UNROLL for (int part = 0; part < kColours; part += 16) {
+    int words = kColours - part < 16 ? kColours - part : 16;
+    Records colours = load_values(from.colours + part, 3 * from.bases, first, count, words);
     UBS_UNROLL for (int k = 0; k < 16; ++k)
-      if (k < words) raw.e[harmonic_row(part + k)] = harmonics.field[k];
+      if (k < words) raw.e[colour_row(part + k)] = colours.field[k];
   }
   return raw;
 }
@@ -93,11 +94,11 @@ UBS_FN void store_gaussians(SplatRaw gradient, GaussianArrays to, uint first, ui
   store_values(out, to.scales, 3, first, count, 3);
   out.field[0] = gradient.e[kRowOpacity];
   store_values(out, to.opacities, 1, first, count, 1);
-  UBS_UNROLL for (int part = 0; part < kHarmonics; part += 16) {
-    int words = kHarmonics - part < 16 ? kHarmonics - part : 16;
+  UBS_UNROLL for (int part = 0; part < kColours; part += 16) {
+    int words = kColours - part < 16 ? kColours - part : 16;
     UBS_UNROLL for (int k = 0; k < 16; ++k)
-      if (k < words) out.field[k] = gradient.e[harmonic_row(part + k)];
-    store_values(out, to.harmonics + part, 3 * to.bases, first, count, words);
+      if (k < words) out.field[k] = gradient.e[colour_row(part + k)];
+    store_values(out, to.colours + part, 3 * to.bases, first, count, words);
   }
 }
 

@@ -177,6 +177,7 @@ UBS_FN Ellipse ellipse_on_image(ImageMap t, FrameMap m, FrameMat k, real eps2d) 
   if (UBS_ANTIALIAS) {
     vreal sharp = sharp_det / out.det;
     out.compensation = sharp > V(0.0) ? ubs_sqrt(sharp) : V(0.0);
+    if (UBS_GAUSSIAN_ARRAYS) out.compensation = ubs_max(out.compensation, (vreal)(UBS_COMPENSATION_ARRAYS));
   }
   return out;
 }
@@ -218,6 +219,8 @@ typedef struct {
 // Adds the gradient of the blur compensation to w. rho^2 = det(B - eps I) / det B, so v_B += v_rho / (2 rho)
 // ((1 - rho^2) Q - eps det(Q) I) (method.md 3.2), with Q = L^T L and det(Q) I = L^T adj(L L^T) L.
 UBS_FN EllipseVjp compensation_vjp(EllipseVjp w, ConicFactor l, vreal compensation, real eps2d, vreal v_compensation) {
+  if (UBS_GAUSSIAN_ARRAYS)
+    v_compensation = compensation > (vreal)(UBS_COMPENSATION_ARRAYS) ? v_compensation : V(0.0);
   vreal rho = compensation > (vreal)(UBS_COMPENSATION_MIN) ? compensation : (vreal)(UBS_COMPENSATION_MIN);
   vreal half_v = V(0.5) * v_compensation / rho;
   vreal sharpened = half_v * (V(1.0) - compensation * compensation);

@@ -290,44 +290,52 @@ def fused_calls(monkeypatch: pytest.MonkeyPatch) -> list[bool]:
 
 
 @pytest.mark.parametrize("packed", [True, False])
-@pytest.mark.parametrize("name", ["0", "1", "2", "3", "1 of 3", "opaque"])
+@pytest.mark.parametrize("name", ["0", "1", "2", "3", "1 of 3", "opaque", "antialiased", "rgb", "tiny antialiased rgb"])
 def test_projection_on_the_device(name: str, packed: bool, fused_calls: list[bool]) -> None:
-    s, degree = case("sh 3"), 1 if name == "1 of 3" else 3 if name == "opaque" else int(name)
-    if name not in ("1 of 3", "opaque"):
+    plain = "rgb" in name
+    s, degree = case("rgb" if plain else "sh 3"), 1 if name == "1 of 3" else int(name) if name.isdigit() else 3
+    options: Any = {} if plain else {"sh_degree": degree}
+    if "antialiased" in name:
+        options["rasterize_mode"] = "antialiased"
+    if "tiny" in name:  # a third of the compensations are at their lower bound
+        s["scales"][::3] *= 1e-3
+        s["colors"][::3] += 3
+    if name.isdigit():
         s["colors"] = s["colors"][:, : (degree + 1) ** 2]
     if name == "opaque":
         s["opacities"] = 0.9 + 0.1 * torch.rand(120, generator=torch.Generator().manual_seed(2))
         s["opacities"][:20] = 1
         s["scales"] = s["scales"] + 0.2
-    errors = compare(s, f"projected, sh {name}", packed, CAMERA, sh_degree=degree)
+    errors = compare(s, f"projected, {name}", packed, CAMERA, **options)
     assert fused_calls == [True]
     within(errors)
 
 
 @pytest.mark.parametrize("packed", [True, False])
-def test_both_routes_agree(packed: bool, fused_calls: list[bool]) -> None:
+@pytest.mark.parametrize("name", ["sh 3", "antialiased", "rgb"])
+def test_both_routes_agree(name: str, packed: bool, fused_calls: list[bool]) -> None:
     """Tests that projection on the device and projection with PyTorch give the same results. The test compares all
-    entries of the returned dictionary, and the gradients of a loss that depends on positions, depths, conics and
-    pixels."""
-    s = case("sh 3")
+    entries of the returned dictionary, and the gradients of a loss that depends on positions, depths, conics, opacities
+    and pixels."""
+    s, how = case(name), CASES[name]
     s["means"][::5, 0] += 3  # these are partly outside of the images
     s["means"][::9, 2] -= 9  # these are behind the cameras
     s["opacities"][::7] = 0.003
     found = []
     for fixed in (CAMERA, ()):
         mine = {k: v.clone().requires_grad_(k not in fixed) for k, v in s.items()}
-        images, alphas, meta = rasterization(**mine, width=WIDTH, height=HEIGHT, packed=packed, sh_degree=3)
+        images, alphas, meta = rasterization(**mine, width=WIDTH, height=HEIGHT, packed=packed, **how)
         meta["means2d"].retain_grad()
         loss = (images * torch.linspace(-1, 1, images.numel()).reshape(images.shape)).sum() + alphas.square().sum()
         sure = (meta["radii"] > 0).all(-1)
-        for key, weight in (("means2d", 0.1), ("depths", 2.0), ("conics", 3.0)):
+        for key, weight in (("means2d", 0.1), ("depths", 2.0), ("conics", 3.0), ("opacities", 1.0)):
             loss = loss + weight * meta[key][sure].square().sum()
         loss.backward()
         found.append((images, alphas, meta, mine))
     assert fused_calls == [True]
     (images, alphas, meta, mine), (images2, alphas2, meta2, mine2) = found
     assert float((images - images2).abs().max()) < 2e-6 and float((alphas - alphas2).abs().max()) < 2e-6
-    assert set(meta2) <= set(meta) | {"conics"} and "conics" in meta and "isect_ids" not in meta
+    assert set(meta2) <= set(meta) | {"conics", "opacities"} and "conics" in meta and "isect_ids" not in meta
     for key in meta2:
         a, b = meta[key], meta2[key]
         if not isinstance(b, torch.Tensor) or not b.is_floating_point():
@@ -422,7 +430,7 @@ def test_strides_of_harmonics_do_not_matter(fused_calls: list[bool]) -> None:
         rasterization(**s, width=WIDTH, height=HEIGHT, sh_degree=True)
 
 
-@pytest.mark.parametrize("change", ["turned", "negative scales", "radius_clip", "absgrad", "near plane of 0"])
+@pytest.mark.parametrize("change", ["turned", "negative scales", "radius_clip", "two chunks", "near plane of 0"])
 def test_calls_that_the_device_cannot_project(change: str, fused_calls: list[bool]) -> None:
     """Tests that PyTorch projects the Gaussians in calls that the device does not support."""
     s, options = case("sh 1"), {}
@@ -431,8 +439,11 @@ def test_calls_that_the_device_cannot_project(change: str, fused_calls: list[boo
     elif change == "negative scales":
         s["scales"] *= -1
     else:
-        options = {"radius_clip": {"radius_clip": 2.0}, "absgrad": {"absgrad": True}}.get(change, {"near_plane": 0.0})
-    images, _, meta = rasterization(**s, width=WIDTH, height=HEIGHT, sh_degree=1, **options)
+        chunks = {"absgrad": True, "channel_chunk": 2}
+        options = {"radius_clip": {"radius_clip": 2.0}, "two chunks": chunks}.get(change, {"near_plane": 0.0})
+        if change == "two chunks":
+            s["colors"], options["sh_degree"] = s["colors"][:, 0], None
+    images, _, meta = rasterization(**s, width=WIDTH, height=HEIGHT, **{"sh_degree": 1, **options})
     assert not fused_calls and float(images.max()) > 0.1 and meta["conics"].shape[-1] == 3
 
 
@@ -444,21 +455,24 @@ def within(errors: dict[str, float]) -> None:
         assert error <= bounds.get(name, 7.8e-6), f"the error of {name} is {error:.1e}, which exceeds its bound"
 
 
-@pytest.mark.parametrize("channels,chunk", [(1, 32), (3, 32), (5, 2)])
+@pytest.mark.parametrize("channels,chunk,fixed", [(1, 32, ()), (3, 32, ()), (3, 32, CAMERA), (5, 2, ())])
 @pytest.mark.parametrize("packed", [True, False])
-def test_absolute_gradients(packed: bool, channels: int, chunk: int) -> None:
+def test_absolute_gradients(
+    packed: bool, channels: int, chunk: int, fixed: tuple[str, ...], fused_calls: list[bool]
+) -> None:
     torch.manual_seed(5)
     s = {**scene(channels=channels), "backgrounds": torch.rand(2, channels)}
-    mine = {k: v.clone().requires_grad_() for k, v in s.items()}
+    mine = {k: v.clone().requires_grad_(k not in fixed) for k, v in s.items()}
     arguments = {"width": WIDTH, "height": HEIGHT, "packed": packed}
     images, alphas, meta = rasterization(**mine, **arguments, absgrad=True, channel_chunk=chunk)
     assert float(meta["means2d"].absgrad.abs().max()) == 0
-    plain = {k: v.clone().requires_grad_() for k, v in s.items()}
+    plain = {k: v.clone().requires_grad_(k not in fixed) for k, v in s.items()}
     again = rasterization(**plain, **arguments)
+    assert len(fused_calls) == (2 if fixed else 0)
     v, v_alpha = torch.randn(images.shape), torch.randn(alphas.shape)
     ((images * v).sum() + (alphas * v_alpha).sum()).backward()
     ((again[0] * v).sum() + (again[1] * v_alpha).sum()).backward()
-    assert all(torch.equal(mine[k].grad, plain[k].grad) for k in s)
+    assert all(torch.equal(mine[k].grad, plain[k].grad) for k in s if k not in fixed)
     assert getattr(again[2]["means2d"], "absgrad", None) is None
     found = meta["means2d"].absgrad
     assert found.shape == meta["means2d"].shape
@@ -487,6 +501,7 @@ def test_absolute_gradients(packed: bool, channels: int, chunk: int) -> None:
 def test_extra_signals(packed: bool, mode: str) -> None:
     torch.manual_seed(6)
     s = scene()
+    s["viewmats"].requires_grad_()  # without it, the device would project the Gaussians in calls without signals
     views = {"width": WIDTH, "height": HEIGHT, "packed": packed, "render_mode": mode}
     if mode == "D":
         s["colors"] = None
@@ -508,15 +523,17 @@ def test_extra_signals(packed: bool, mode: str) -> None:
         assert float((meta["render_extra_signals"][k] - expected).abs().max()) < 1e-6
 
 
-def test_sparse_gradients() -> None:
+@pytest.mark.parametrize("fixed", [(), CAMERA])
+def test_sparse_gradients(fixed: tuple[str, ...], fused_calls: list[bool]) -> None:
     s = scene(cameras=3)
     s["means"][::7, 0] += 100  # these are not visible in any image
-    mine = {k: v.clone().requires_grad_() for k, v in s.items()}
-    dense = {k: v.clone().requires_grad_() for k, v in s.items()}
+    mine = {k: v.clone().requires_grad_(k not in fixed) for k, v in s.items()}
+    dense = {k: v.clone().requires_grad_(k not in fixed) for k, v in s.items()}
     for given, sparse in ((mine, True), (dense, False)):
         images, _, meta = rasterization(**given, width=WIDTH, height=HEIGHT, sparse_grad=sparse)
         (images * torch.linspace(-1, 1, images.numel()).reshape(images.shape)).sum().backward()
-    for key in s:
+    assert len(fused_calls) == (2 if fixed else 0)
+    for key in [key for key in s if key not in fixed]:
         assert mine[key].grad.is_sparse == (key in ("means", "quats", "scales"))
         assert torch.equal(mine[key].grad.to_dense(), dense[key].grad)
     rows = mine["means"].grad.coalesce().indices()[0]
@@ -658,9 +675,9 @@ def test_second_order_gradients_are_refused(fused_calls: list[bool]) -> None:
     again, but without the part that goes through the image."""
     s = scene(cameras=1)
     s["colors"] = torch.randn(120, 4, 3)
-    for mode in ("classic", "antialiased"):
+    for mode in ("RGB", "RGB+D"):
         means = s["means"].clone().requires_grad_()
-        image = rasterization(**{**s, "means": means}, width=WIDTH, height=HEIGHT, sh_degree=1, rasterize_mode=mode)[0]
+        image = rasterization(**{**s, "means": means}, width=WIDTH, height=HEIGHT, sh_degree=1, render_mode=mode)[0]
         for loss in (image.sum(), (image**2).sum()):
             with pytest.raises(ubs.UsageError, match="no second-order gradients"):
                 torch.autograd.grad(loss, means, create_graph=True)
@@ -803,8 +820,8 @@ def test_numbers_may_have_other_types() -> None:
     """Tests that both ways of computing a call accept numbers of NumPy and PyTorch, and whole floating-point sizes."""
     s = scene(splats=30)
     s["colors"] = torch.randn(30, 4, 3)
-    for mode in ("classic", "antialiased"):
-        how: Any = {"sh_degree": 1, "packed": False, "rasterize_mode": mode}
+    for mode in ("RGB", "RGB+D"):
+        how: Any = {"sh_degree": 1, "packed": False, "render_mode": mode}
         expected, _, meta = rasterization(**s, **how, width=WIDTH, height=HEIGHT, near_plane=0.5, far_plane=90,
                                           eps2d=0.25)
         for kind in (np.float32, np.float64, np.array, torch.tensor):

@@ -162,7 +162,7 @@ class Array(Struct):
 
 # The names of a renderer's arrays, in the order of the enumeration ubs_array_name
 ARRAYS = ("parameters", "rgb", "transmittance", "depth", "v_rgb", "gradient", "extents", "v_means2d", "means2d",
-          "depths")
+          "depths", "opacities")
 
 
 class Gaussians(Struct):
@@ -173,7 +173,7 @@ class Gaussians(Struct):
         ("quats", c_void_p),
         ("scales", c_void_p),
         ("opacities", c_void_p),
-        ("harmonics", c_void_p),
+        ("colours", c_void_p),
         ("bases", c_uint32),
     ]
 

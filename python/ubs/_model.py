@@ -403,7 +403,8 @@ class Renderer(_abi.Handle):
         - "extents" (splats, 2): half the width and height [px] of the rectangle around each splat in the last image;
           undefined for splats that are not between the near and the far plane
         - "means2d" (splats, 2): the position of each splat in the last image [px]; the positions of splats that are not
-          between these planes are computed with the depth 1. "depths" (splats): their depths
+          between these planes are computed with the depth 1. "depths" (splats): their depths. "opacities" (splats): the
+          opacities with which they are rendered; undefined where "extents" are
         - "v_means2d" (splats, 2), after vjp() or loss(): the gradient with respect to the position of each splat in the
           image [1/px], or the sums of `absgrad`; may be written, and "gradient" is then computed from the written
           values
@@ -424,7 +425,7 @@ class Renderer(_abi.Handle):
             found = DeviceArray(self, array)
             if name == "v_rgb":
                 self._v_rgb = found.address
-            if name not in ("parameters", "gradient", "extents", "v_means2d", "means2d", "depths"):
+            if name not in ("parameters", "gradient", "extents", "v_means2d", "means2d", "depths", "opacities"):
                 self._lent.append(weakref.ref(found))
         return found
 

@@ -56,8 +56,10 @@ std::vector<KernelConfig> configurations() {
   add([](KernelConfig& c) { c.absgrad = true; });
   add([](KernelConfig& c) {
     c.query_grad = c.gaussian_arrays = true;
-    c.variant = {
-        .rot_mode = RotMode::quaternion, .kernel = SpatialKernel::gaussian, .colour = ColourMode::sh3};
+    c.variant = {.rot_mode = RotMode::quaternion,
+                 .kernel = SpatialKernel::gaussian,
+                 .colour = ColourMode::sh3,
+                 .antialias = Antialias::on};
   });
   // The kernels for N > 7 are not compiled ahead of time.
   add([](KernelConfig& c) { c.dim = 8, c.query_grad = true; });

@@ -56,18 +56,18 @@ std::vector<float> values_of(const Model& model) {
 
 // Gaussians in arrays. gaussian_arrays_test.cpp tests their values.
 struct Gaussians {
-  std::vector<float> means, quats, scales, opacities, harmonics;
+  std::vector<float> means, quats, scales, opacities, colours;
   explicit Gaussians(std::size_t count, float value = 0)
       : means(3 * count, value),
         quats(4 * count, value),
         scales(3 * count, value),
         opacities(count, value),
-        harmonics(12 * count, value) {}
+        colours(12 * count, value) {}
   ubs_gaussians to_c() {
     auto c = sized<ubs_gaussians>();
     c.count = opacities.size();
     c.means = means.data(), c.quats = quats.data(), c.scales = scales.data();
-    c.opacities = opacities.data(), c.harmonics = harmonics.data(), c.bases = 4;
+    c.opacities = opacities.data(), c.colours = colours.data(), c.bases = 4;
     return c;
   }
 };
@@ -203,7 +203,7 @@ TEST_CASE("a renderer reads Gaussians from arrays of the program") {
       given.means[3 * i] = 0.2f * static_cast<float>(i), given.means[3 * i + 2] = 3;
       given.quats[4 * i] = 1;
       given.opacities[i] = 0.5f;
-      for (std::size_t k = 0; k < 3; ++k) given.scales[3 * i + k] = 0.3f, given.harmonics[12 * i + k] = 1;
+      for (std::size_t k = 0; k < 3; ++k) given.scales[3 * i + k] = 0.3f, given.colours[12 * i + k] = 1;
     }
     renderer.set_gaussians(given.to_c());
     check_usage("no gradient yet", [&] { renderer.get_gaussian_gradients(gradient.to_c()); });
@@ -212,10 +212,11 @@ TEST_CASE("a renderer reads Gaussians from arrays of the program") {
     renderer.vjp(camera, v, {}, nullptr);
     renderer.get_gaussian_gradients(gradient.to_c());
     for (const float g : gradient.opacities) CHECK((g > 0 && g != 7));
-    CHECK(std::ranges::count(gradient.harmonics, 7.0f) == 0);
+    CHECK(std::ranges::count(gradient.colours, 7.0f) == 0);
     const std::vector<float> means2d = values_of(renderer.array(UBS_ARRAY_MEANS2D));
     REQUIRE(means2d.size() == 6);
     CHECK(means2d[2] == Approx(kWidth / 2.0 + 30 * 0.2 / 3).epsilon(1e-5));
+    CHECK(values_of(renderer.array(UBS_ARRAY_OPACITIES)) == std::vector<float>(3, 0.5f));
     const ubs_array depths = renderer.array(UBS_ARRAY_DEPTHS);
     CHECK(depths.dims == 1);
     CHECK(depths.values[2 * depths.strides[0]] == 3);

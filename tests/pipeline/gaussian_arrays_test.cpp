@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Tests KernelConfig::gaussian_arrays: Gaussians in arrays of the program have the same image and gradient as
-// the same splats in rows of raw parameters, for every degree of the harmonics and every vector width. The
-// accuracy of the latter is tested by oracle_comparison_test.cpp.
+// the same splats in rows of raw parameters, for plain colours, every degree of the harmonics and every
+// vector width. The accuracy of the latter is tested by oracle_comparison_test.cpp.
 #include <bit>
 #include <catch2/catch.hpp>
 #include <cmath>
@@ -17,7 +17,7 @@ namespace {
 
 // Arrays with the layout that GaussianArrays describes.
 struct Arrays {
-  std::vector<float> means, quats, scales, opacities, harmonics;
+  std::vector<float> means, quats, scales, opacities, colours;
   std::uint32_t bases = 0;
 
   Arrays(std::size_t count, int bases_of_harmonics)
@@ -26,9 +26,9 @@ struct Arrays {
         scales(3 * count),
         opacities(count),
         bases(static_cast<std::uint32_t>(bases_of_harmonics)) {
-    harmonics.assign(3 * count * bases, 7.0f);
+    colours.assign(3 * count * bases, 7.0f);
   }
-  std::array<std::vector<float>*, 5> all() { return {&means, &quats, &scales, &opacities, &harmonics}; }
+  std::array<std::vector<float>*, 5> all() { return {&means, &quats, &scales, &opacities, &colours}; }
 };
 
 // The same arrays in the memory of a device, and a table of their addresses.
@@ -59,7 +59,7 @@ double sigmoid(double x) { return 1 / (1 + std::exp(-x)); }
 // Calls `copy` with every value of `arrays` and the row and splat that it belongs to.
 template <typename Copy>
 void for_each_value(const ParameterLayout& layout, std::size_t count, Arrays& arrays, const Copy& copy) {
-  const int bases = layout.variant.harmonics();
+  const int bases = std::max(1, layout.variant.harmonics());
   for (std::size_t i = 0; i < count; ++i) {
     for (std::size_t k = 0; k < 3; ++k) copy(arrays.means[3 * i + k], layout.xyz + static_cast<int>(k), i);
     for (std::size_t k = 0; k < 4; ++k)
@@ -68,8 +68,8 @@ void for_each_value(const ParameterLayout& layout, std::size_t count, Arrays& ar
     copy(arrays.opacities[i], layout.opacity, i);
     for (int k = 0; k < bases; ++k)
       for (int c = 0; c < 3; ++c)
-        copy(arrays.harmonics[3 * (i * arrays.bases + static_cast<std::size_t>(k)) +
-                              static_cast<std::size_t>(c)],
+        copy(arrays
+                 .colours[3 * (i * arrays.bases + static_cast<std::size_t>(k)) + static_cast<std::size_t>(c)],
              layout.rgb + (k == 0 ? c : 3 + c * (bases - 1) + k - 1), i);
   }
 }
@@ -90,7 +90,7 @@ Errors errors_of(Device& device, RasterKind raster, ColourMode colour, std::size
 
   // The values of the rows, and the gradients with respect to scales and opacities instead of raw parameters.
   const ParameterLayout layout = scene.model.layout();
-  Arrays arrays(count, variant.harmonics() + more_bases), expected = arrays, found = arrays;
+  Arrays arrays(count, std::max(1, variant.harmonics()) + more_bases), expected = arrays, found = arrays;
   const auto is_scale = [&](int row) { return row >= layout.scale && row < layout.scale + 3; };
   for_each_value(layout, count, arrays, [&](float& value, int row, std::size_t i) {
     const double raw = scene.model.row(row)[i];
@@ -127,7 +127,7 @@ Errors errors_of(Device& device, RasterKind raster, ColourMode colour, std::size
   compare(found.quats, expected.quats);
   compare(found.scales, expected.scales);
   compare(found.opacities, expected.opacities);
-  compare(found.harmonics, expected.harmonics);  // the unused ones keep their values
+  compare(found.colours, expected.colours);  // the unused ones keep their values
   return errors;
 }
 
@@ -139,7 +139,8 @@ TEST_CASE("Gaussians in arrays of the program are rendered and differentiated li
   for (const auto& device : devices_under_test()) {
     if (!has_addresses(*device)) continue;
     for (const RasterKind raster : rasters_of(*device))
-      for (const ColourMode colour : {ColourMode::sh0, ColourMode::sh1, ColourMode::sh2, ColourMode::sh3}) {
+      for (const ColourMode colour :
+           {ColourMode::rgb, ColourMode::sh0, ColourMode::sh1, ColourMode::sh2, ColourMode::sh3}) {
         if (on_host(*device) && colour != ColourMode::sh3) continue;
         const Errors errors = errors_of(*device, raster, colour, 37, colour == ColourMode::sh1 ? 5 : 0);
         INFO(device->info().name << ", colour " << static_cast<int>(colour) << ": " << errors.loss << ", "

@@ -2,15 +2,15 @@
 """The fast implementation of rasterization(), in which the device reads the tensors of the Gaussians, projects the
 Gaussians and evaluates their spherical harmonics, and writes the gradients to tensors.
 
-It supports the calls that most trainers make: the Gaussians have quaternions and scales, all cameras share spherical
-harmonics up to degree 3, and the viewmats and Ks of the pinhole cameras need no gradients. supports() and
+It supports the calls that most trainers make: the Gaussians have quaternions and scales, all cameras share three colours
+or spherical harmonics up to degree 3, and the viewmats and Ks of the pinhole cameras need no gradients. supports() and
 rasterization() test all conditions."""
 
 from __future__ import annotations
 
 import ctypes
 import weakref
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import torch
@@ -21,7 +21,7 @@ from .._data import Camera
 from .._device import Device, DeviceLike
 from .._errors import NumericalError, UsageError
 from .._model import Model, Renderer
-from .._raster import Slot, first_order, is_finite, slot_for, stacked, wait
+from .._raster import AbsGrad, Slot, first_order, is_finite, slot_for, stacked, wait
 from .._settings import BOOLEANS
 
 LEAST_ALPHA = 1 / 255  # Gaussians with a lower opacity are not rendered
@@ -34,7 +34,7 @@ class Gaussians:
     quats: Tensor  # (n, 4)
     scales: Tensor  # (n, 3), above 0
     opacities: Tensor  # (n,)
-    colors: Tensor  # (n, K, 3)
+    colors: Tensor  # (n, K, 3): coefficients of spherical harmonics, or with K = 1 plain colours
 
     def tensors(self) -> tuple[Tensor, ...]:
         return self.means, self.quats, self.scales, self.opacities, self.colors
@@ -43,7 +43,7 @@ class Gaussians:
         """Returns the addresses of the tensors, which must be contiguous."""
         means, quats, scales, opacities, colors = (tensor.data_ptr() for tensor in self.tensors())
         return _abi.Gaussians(
-            count=len(self.means), means=means, quats=quats, scales=scales, opacities=opacities, harmonics=colors,
+            count=len(self.means), means=means, quats=quats, scales=scales, opacities=opacities, colours=colors,
             bases=self.colors.shape[1],
         )
 
@@ -51,18 +51,20 @@ class Gaussians:
 class _GaussianRenderer(Renderer):
     """A renderer that reads Gaussians from tensors in the memory of its device."""
 
-    def __init__(self, model: Model, device: Device) -> None:
+    def __init__(self, model: Model, device: Device, absgrad: bool) -> None:
         self.device = device
-        self._create(model, depth=False, gradients=True, absgrad=False, falloff=None, settings={}, gaussians=True)
+        self._create(model, depth=False, gradients=True, absgrad=absgrad, falloff=None, settings={}, gaussians=True)
 
 
 @dataclass(frozen=True)
 class Form:
     """Describes what a renderer of Gaussians renders."""
 
-    degree: int  # of the spherical harmonics
+    degree: int | None  # of the spherical harmonics; None for plain colours
     eps2d: float
     planes: tuple[float, float]  # the near and the far plane
+    antialiased: bool = False
+    absgrad: bool = False  # whether the gradients of positions in the image are sums of absolute values
 
     def slot(self, device: Device, count: int) -> GaussianSlot:
         return GaussianSlot(device, self)
@@ -73,12 +75,13 @@ class GaussianSlot(Slot):
 
     def __init__(self, device: Device, form: Form) -> None:
         near, far = form.planes
+        colour = "rgb" if form.degree is None else f"sh{form.degree}"
         model = Model.empty(
-            dim=3, splats=1, kernel="gaussian", rot_mode="quaternion", colour=f"sh{form.degree}", eps2d=form.eps2d,
-            background=(0, 0, 0), near_plane=near, far_plane=far,
+            dim=3, splats=1, kernel="gaussian", rot_mode="quaternion", colour=colour, eps2d=form.eps2d,
+            background=(0, 0, 0), near_plane=near, far_plane=far, antialias="on" if form.antialiased else "off",
         )
         try:
-            super().__init__(device, form, _GaussianRenderer(model, device), shared=True)
+            super().__init__(device, form, _GaussianRenderer(model, device, form.absgrad), shared=True)
             self.memory = self.array("v_rgb", (1, 1)).device  # where the tensors must be
         except UsageError:
             super().__init__(device, form, None, shared=False)
@@ -109,12 +112,22 @@ class GaussianSlot(Slot):
         self.propagate(camera, v_rgb, v_alpha)
         v_means2d = self.array("v_means2d").clone()
         v = Gaussians(*(torch.empty_like(tensor) for tensor in splats.tensors()))
-        v.colors[:, (self.form.degree + 1) ** 2 :] = 0
+        if self.form.degree is not None:
+            v.colors[:, (self.form.degree + 1) ** 2 :] = 0
         wait(v_means2d, v.colors)
         _abi.call("renderer_get_gaussian_gradients", self.renderer, ctypes.byref(v.to_c()))
         if not all(map(is_finite, v.tensors())):
             raise NumericalError("a gradient of the splats is not finite")
         return v_means2d, v.tensors()
+
+    def absolute_sums(
+        self, splats: Gaussians, camera: Camera, v_rgb: Tensor | None, v_alpha: Tensor | None
+    ) -> Tensor:
+        """Returns the sums of absolute gradients with respect to the positions in the image (n, 2). Requires a Form with
+        `absgrad`."""
+        self.put(splats)
+        self.propagate(camera, v_rgb, v_alpha)
+        return self.array("v_means2d").clone()
 
 
 @dataclass
@@ -126,6 +139,7 @@ class Drawn:
     means2d: Tensor  # (n, 2) [px], computed with a depth of 1 for Gaussians that are not between the planes
     depths: Tensor  # (n,)
     extents: Tensor  # (n, 2), half the size of the rectangle around each ellipse [px]
+    opacities: Tensor  # (n,), those with which the Gaussians are rendered
     slot: GaussianSlot
     camera: Camera
     splats: Gaussians  # a result of GaussianSlot.readable()
@@ -137,13 +151,17 @@ def supports(
 ) -> bool:
     """Returns whether render() supports these arguments of rasterization(), if they have no batch dimensions. The
     caller has checked all arguments except colors."""
-    if isinstance(degree, BOOLEANS) or degree not in (0, 1, 2, 3) or not isinstance(colors, Tensor):
+    if isinstance(degree, BOOLEANS) or degree not in (None, 0, 1, 2, 3) or not isinstance(colors, Tensor):
         return False
     if scales is None or len(viewmats) == 0:
         return False
     if len(scales) == 0 or not bool((scales > 0).all()):
         return False
-    if colors.dim() != 3 or len(colors) != len(scales) or colors.shape[1] < (degree + 1) ** 2 or colors.shape[2] != 3:
+    if degree is None and tuple(colors.shape) != (len(scales), 3):
+        return False
+    if degree is not None and (
+        colors.dim() != 3 or len(colors) != len(scales) or colors.shape[1] < (degree + 1) ** 2 or colors.shape[2] != 3
+    ):
         return False
     if torch.is_grad_enabled() and (viewmats.requires_grad or ks.requires_grad):
         return False
@@ -157,11 +175,10 @@ def supports(
 
 
 def draw(
-    splats: Gaussians, degree: int, viewmats: Tensor, ks: Tensor, size: tuple[int, int], planes: tuple[float, float],
-    eps2d: float, device: DeviceLike,
+    splats: Gaussians, form: Form, viewmats: Tensor, ks: Tensor, size: tuple[int, int], device: DeviceLike
 ) -> list[Drawn] | None:
     """Renders the image of each camera. Returns None if the device does not share its memory."""
-    slot: GaussianSlot = slot_for(device, len(splats.means), Form(degree, eps2d, planes))
+    slot: GaussianSlot = slot_for(device, len(splats.means), form)
     where = splats.means.device
     if not slot.shared:
         return None
@@ -174,7 +191,9 @@ def draw(
             camera = Camera.from_matrix(matrix, k, *size)
             rgb, alpha = slot.draw(camera, where, recorded)
             points, depths, extents = (slot.array(name).to(where, copy=True) for name in ("means2d", "depths", "extents"))
-            found.append(Drawn(rgb, alpha, points, depths, extents, slot, camera, readable))
+            # Without antialiasing, these are the opacities of the Gaussians.
+            strength = slot.array("opacities").to(where, copy=True) if form.antialiased else splats.opacities
+            found.append(Drawn(rgb, alpha, points, depths, extents, strength, slot, camera, readable))
     return found
 
 
@@ -229,16 +248,17 @@ class Project(torch.autograd.Function):
 
 
 class Render(torch.autograd.Function):
-    """Returns the image of a Drawn, which has already been rendered, with gradients. The inputs are: the Drawn, the
-    indices of the splats that means2d contains (None for all splats), means2d, the positions of all splats, and the
-    tensors of Gaussians. The outputs are the image and its alpha. Project describes the gradients of the positions."""
+    """Returns the image of a Drawn, which has already been rendered, with gradients. The inputs are: the Drawn, an
+    AbsGrad or None, the indices of the splats that means2d contains (None for all splats), means2d, the positions of all
+    splats, and the tensors of Gaussians. The outputs are the image and its alpha. Project describes the gradients of the
+    positions."""
 
     @staticmethod
     def forward(ctx: Any, *inputs: Any, **_: Any) -> tuple[Tensor, Tensor]:
         drawn: Drawn = inputs[0]
         ctx.slot, ctx.camera, ctx.splats = drawn.slot, drawn.camera, drawn.splats
-        ctx.ids = inputs[1]
-        ctx.save_for_backward(*inputs[4:])
+        ctx.absgrad, ctx.ids = inputs[1:3]
+        ctx.save_for_backward(*inputs[5:])
         ctx.set_materialize_grads(False)
         return drawn.rgb, drawn.alpha
 
@@ -246,7 +266,7 @@ class Render(torch.autograd.Function):
     @first_order
     def backward(ctx: Any, v_rgb: Tensor | None, v_alpha: Tensor | None) -> tuple[Any, ...]:
         if v_rgb is None and v_alpha is None:
-            return (None,) * 9
+            return (None,) * 10
         where = ctx.saved_tensors[0].device  # raises an error if a tensor has been changed since it was rendered
         slot: GaussianSlot = ctx.slot
         with slot.lock:
@@ -255,37 +275,46 @@ class Render(torch.autograd.Function):
         if ctx.ids is not None:
             v_means2d = v_all[ctx.ids]
             v_all = torch.zeros_like(v_all).index_copy_(0, ctx.ids, v_means2d)
-        return (None, None, v_means2d, -v_all, *(v.to(where) for v in found))
+        if ctx.absgrad is not None:
+            slot = slot_for(slot.device, len(v_all), replace(slot.form, absgrad=True))
+            with slot.lock:
+                sums = slot.absolute_sums(ctx.splats, ctx.camera, v_rgb, v_alpha).to(where)
+            ctx.absgrad.put(sums if ctx.ids is None else sums[ctx.ids])
+        return (None, None, None, v_means2d, -v_all, *(v.to(where) for v in found))
 
 
 def render(
-    splats: Gaussians, degree: int, viewmats: Tensor, ks: Tensor, size: tuple[int, int], planes: tuple[float, float],
-    eps2d: float, packed: bool, device: DeviceLike, meta: dict[str, Any],
+    splats: Gaussians, form: Form, viewmats: Tensor, ks: Tensor, size: tuple[int, int], packed: bool, absgrad: bool,
+    device: DeviceLike, meta: dict[str, Any],
 ) -> list[tuple[Tensor, Tensor]] | None:
     """Returns the image (H, W, 3) and the alpha (H, W) of each camera, without background. Writes into `meta` those
-    entries of the dictionary of rasterization() that describe splats, except for conics. Returns None, and writes
-    nothing, if the device does not share its memory."""
-    drawn = draw(splats, degree, viewmats, ks, size, planes, eps2d, device)
+    entries of the dictionary of rasterization() that describe splats, except for conics. The opacities are those of the
+    Gaussians, also with antialiasing. Returns None, and writes nothing, if the device does not share its memory."""
+    drawn = draw(splats, form, viewmats, ks, size, device)
     if drawn is None:
         return None
-    computed = [[image.means2d, image.depths, image.extents] for image in drawn]
-    points, depths, extents = (stacked(list(tensors)) for tensors in zip(*computed))
+    planes = form.planes
+    computed = [[image.means2d, image.depths, image.extents, image.opacities] for image in drawn]
+    points, depths, extents, strength = (stacked(list(tensors)) for tensors in zip(*computed))
     points, depths, second = Project.apply(splats.means, viewmats, ks, planes, points, depths)
     opacities = splats.opacities.expand_as(depths)
-    radii = _radii(extents, points, depths, opacities, size, planes)
+    radii = _radii(extents, points, depths, strength, size, planes)
     ids: tuple[Tensor, ...] | None = torch.where((radii > 0).all(-1)) if packed else None
-    if ids is None:
-        meta.update(batch_ids=None, camera_ids=None, gaussian_ids=None)
-        own: list[Tensor | None] = [None] * len(drawn)
-        parts = points.unbind()
-    else:
+    counts, own = [len(splats.means)] * len(drawn), [None] * len(drawn)
+    meta.update(batch_ids=None, camera_ids=None, gaussian_ids=None)
+    if ids is not None:
         points, depths, opacities, radii = (t[ids] for t in (points, depths, opacities, radii))
         meta.update(batch_ids=torch.zeros_like(ids[0]), camera_ids=ids[0], gaussian_ids=ids[1])
         counts = torch.bincount(ids[0], minlength=len(drawn)).tolist()
-        own, parts = list(ids[1].split(counts)), points.split(counts)
+        own = list(ids[1].split(counts))
     meta.update(radii=radii, means2d=points, depths=depths, opacities=opacities)
-    splits = zip(drawn, own, parts, second.unbind())
-    return [Render.apply(image, some, part, all_, *splats.tensors()) for image, some, part, all_ in splits]
+    parts = points.unbind() if ids is None else points.split(counts)
+    sums: list[AbsGrad | None] = [None] * len(drawn)
+    if absgrad:
+        points.absgrad = torch.zeros_like(points)
+        sums = [AbsGrad(points, sum(counts[:k]), 3, None) for k in range(len(drawn))]
+    splits = zip(drawn, sums, own, parts, second.unbind())
+    return [Render.apply(*inputs, *splats.tensors()) for inputs in splits]
 
 
 def _radii(

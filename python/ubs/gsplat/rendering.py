@@ -516,20 +516,31 @@ def rasterization(
         tile_height=-(-height // tile_size), n_batches=flat, n_cameras=cameras,
     )
     strength = opacities.reshape(flat, 1, n).expand(flat, cameras, n)
-    plain = (camera_model, render_mode, rasterize_mode) == ("pinhole", "RGB", "classic")
-    special = batch or absgrad or sparse_grad or radius_clip > 0 or covars is not None or extra_signals is not None
-    if plain and not special and fused.supports(colors, scales, viewmats, Ks, sh_degree, planes, eps2d):
-        assert quats is not None and scales is not None and sh_degree is not None
-        _check("colors", colors, tuple(colors.shape), like=means)
-        splats = fused.Gaussians(means, quats, scales, opacities, colors)
-        pictures = fused.render(splats, int(sh_degree), viewmats, Ks, size, planes, eps2d, packed, device, meta)
+    plain = (camera_model, render_mode) == ("pinhole", "RGB")
+    special = batch or radius_clip > 0 or covars is not None or extra_signals is not None
+    special = special or (absgrad and channel_chunk < 3)
+    shared = colors  # by all cameras
+    if sh_degree is None and cameras == 1 and isinstance(colors, Tensor) and colors.dim() == 3 and len(colors) == 1:
+        shared = colors[0]
+    if plain and not special and fused.supports(shared, scales, viewmats, Ks, sh_degree, planes, eps2d):
+        assert quats is not None and scales is not None
+        _check("colors", shared, tuple(shared.shape), like=means)
+        antialiased = rasterize_mode == "antialiased"
+        form = fused.Form(None if sh_degree is None else int(sh_degree), eps2d, planes, antialiased)
+        splats = fused.Gaussians(means, quats, scales, opacities, shared[:, None] if sh_degree is None else shared)
+        pictures = fused.render(splats, form, viewmats, Ks, size, packed, absgrad, device, meta)
         if pictures is not None:
+            if sparse_grad:
+                rows.append(meta["gaussian_ids"].unique())
 
-            def conics() -> Tensor:
+            def of_projection(value: Callable[[_Projected], Tensor]) -> Tensor:
                 seen = _projected(means, None, quats, scales, viewmats, Ks, size, eps2d, planes, camera_model)
-                return seen.conics()[0][(meta["camera_ids"], meta["gaussian_ids"]) if packed else ...]
+                return value(seen)[0][(meta["camera_ids"], meta["gaussian_ids"]) if packed else ...]
 
-            meta.later = {"conics": conics}
+            meta.later = {"conics": lambda: of_projection(_Projected.conics)}
+            if antialiased:
+                del meta["opacities"]
+                meta.later["opacities"] = lambda: of_projection(lambda seen: opacities * seen.compensation)
             grounds = _grounds(backgrounds, means, batch, cameras, 3, 0, render_mode)
             return *_blended(pictures, grounds, render_mode, means, (cameras, height, width)), meta
     seen = _projected(means, covars, quats, scales, viewmats, Ks, size, eps2d, planes, camera_model)
