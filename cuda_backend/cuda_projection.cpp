@@ -32,7 +32,7 @@ void Projection::run(const ProjectForward& a) {
 }
 
 void Projection::run(const ProjectBackward& a) {
-  check_backward(config_, "projection backward");
+  check_project_backward(config_, a);
   check_view(a.splats, rows_);
   device_.launch("project_backward", project_.backward, items(a.splats.count), block_, a.splats.params,
                  a.splats.count, a.splats.stride, a.first_record, a.cameras, a.camera, a.settings.near_plane,

@@ -33,9 +33,10 @@ enum {
   kRowL = kRowScale + UBS_N,  // a triangle of N (N - 1) / 2 values, or a quaternion
   kRowCount = kRowL + (UBS_ROT_MODE == UBS_ROT_QUATERNION ? 4 : UBS_N * (UBS_N - 1) / 2)
 };
-// If UBS_GAUSSIAN_ARRAYS is 1, the splats are 3D Gaussians whose values are in arrays of the program, with the layout of
-// PyTorch and similar packages. `params` and `v_params` are then tables of addresses (GaussianArrays of map/arrays.h),
-// and scales and opacities are stored as they are, not as raw parameters. Registers still have the rows of this file.
+// If UBS_GAUSSIAN_ARRAYS is 1, the splats are 3D Gaussians whose values are in arrays of the program, with the layout
+// of PyTorch and similar packages. `params` and `v_params` are then tables of addresses (GaussianArrays of
+// map/arrays.h), and scales and opacities are stored as they are, not as raw parameters. Registers still have the rows
+// of this file.
 #ifndef UBS_GAUSSIAN_ARRAYS
 #define UBS_GAUSSIAN_ARRAYS 0
 #endif

@@ -10,9 +10,9 @@ and device.
 
 Prints milliseconds per view, for the forward pass alone and for both passes. With tensors on the CPU, this is the
 median of single views. With tensors on a GPU, it is the mean of many views without waiting between them, followed by
-the median of single views, which is measured with CUDA events. For ubs.gsplat, it also prints how
-much of this time is spent in the library, which waits for the device; the rest is work of PyTorch. Needs the Python
-packages torch and numpy, and the package that is measured.
+the median of single views, which is measured with CUDA events. For ubs.gsplat, it also prints how much of this time is
+spent in the library, which waits for the device; the rest is work of PyTorch. Needs the Python packages torch and
+numpy, and the package that is measured.
 """
 import argparse
 import importlib
@@ -24,6 +24,11 @@ import time
 import numpy as np
 import torch
 
+# The arguments of rasterization() for each mode. With sh_degree None, the colours of the Gaussians are random.
+MODES = {
+    "plain": {}, "absgrad": {"absgrad": True}, "sparse_grad": {"sparse_grad": True}, "rgb": {"sh_degree": None},
+    "antialiased": {"rasterize_mode": "antialiased"}, "depth": {"render_mode": "RGB+ED"},
+}
 # Number of timed views with tensors on a GPU. With tensors on the CPU, an eighth of them is timed. The cameras are used
 # in turn.
 VIEWS = 400
@@ -113,6 +118,7 @@ def main():
     parser.add_argument("--size", type=int, default=800, help="width and height of the images [px]")
     parser.add_argument("--package", choices=("gsplat", "ubs.gsplat"), default="gsplat")
     parser.add_argument("--tensors", choices=("cuda", "cpu"), default="cuda", help="device of PyTorch's tensors")
+    parser.add_argument("--mode", choices=MODES, default="plain", help="what is rendered, and which gradients")
     args = parser.parse_args()
     rasterization = importlib.import_module(args.package).rasterization
     measured = card_ms if args.tensors == "cuda" else host_ms
@@ -127,19 +133,22 @@ def main():
         torch.sigmoid(columns("opacity")[:, 0]),
         torch.cat([columns("f_dc_0", "f_dc_1", "f_dc_2")[:, None], rest], 1).contiguous(),
     ]
+    how = {"sh_degree": 3, **MODES[args.mode]}
+    if how["sh_degree"] is None:
+        parameters[4] = torch.rand(len(parameters[0]), 3, device=args.tensors)
     for parameter in parameters:
         parameter.requires_grad_(True)
     views, intrinsics = cameras(args.data, args.size, args.tensors)
-    v_image = torch.rand(1, args.size, args.size, 3, device=args.tensors)
+    v_image = torch.rand(1, args.size, args.size, 4 if args.mode == "depth" else 3, device=args.tensors)
 
-    for packed in (False, True):
+    for packed in (True,) if args.mode == "sparse_grad" else (False, True):
         drawn = 0
 
         def draw():
             nonlocal drawn
             drawn += 1
             return rasterization(*parameters, views[drawn % len(views)], intrinsics, args.size, args.size,
-                                 sh_degree=3, packed=packed)[0]
+                                 packed=packed, **how)[0]
 
         def forward():
             with torch.no_grad():

@@ -21,6 +21,12 @@ inline void check_backward(const KernelConfig& config, const char* stage) {
     fail(ErrorKind::internal, "{}: these stages were created without a backward pass", stage);
 }
 
+inline void check_project_backward(const KernelConfig& config, const ProjectBackward& work) {
+  check_backward(config, "projection backward");
+  if (config.gaussian_arrays && work.accumulate)
+    fail(ErrorKind::internal, "projection backward: gradients in arrays of the program are not accumulated");
+}
+
 // Checks RasterForward and RasterBackward. `slots` says whether the masks and slots are needed.
 template <typename Work>
 void check_raster(const Work& work, bool slots) {

@@ -87,7 +87,7 @@ void Projection::run(const ProjectForward& a) {
 }
 
 void Projection::run(const ProjectBackward& a) {
-  check_backward(config_, "projection backward");
+  check_project_backward(config_, a);
   launch(kProjectBackward, a.splats.count, a.splats.params, a.splats.count, a.splats.stride, a.first_record,
          a.cameras, a.camera, a.settings.near_plane, a.settings.far_plane, a.settings.eps2d, a.v_records,
          a.v_params, static_cast<std::uint32_t>(a.accumulate));

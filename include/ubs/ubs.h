@@ -340,7 +340,7 @@ typedef struct ubs_gaussians {
   float* scales;    /* (count, 3), above 0: standard deviations along the axes */
   float* opacities; /* (count), 0 to 1 */
   float* colours;   /* (count, bases, 3): coefficients of the spherical harmonics, or plain colours */
-  uint32_t bases;   /* at least as many as the renderer needs (1 for plain colours); further ones are not used */
+  uint32_t bases;   /* at least as many as the renderer needs (1 for plain colours); others are not used */
 } ubs_gaussians;
 
 /* Creates a renderer and copies the model to the device. If `settings` is NULL, the settings of
@@ -376,15 +376,19 @@ UBS_API void ubs_renderer_free(ubs_renderer* renderer);
  * variants. Each of its groups must have at most as many splats as in the model that the renderer was created
  * with. */
 UBS_API ubs_status ubs_renderer_update(ubs_renderer* renderer, const ubs_model* model);
-/* Makes a renderer with UBS_RENDER_GAUSSIANS render these Gaussians. Such a renderer is created with a model of
- * any number of splats with dim = 3, kernel = gaussian, rot_mode = quaternion and no lobes; the values of this
- * model are not used. The number of Gaussians may change with each call. The arrays must not be changed or
- * freed until the renderer gets other arrays or is not used any more. The functions ubs_renderer_update and
- * ubs_renderer_loss, and UBS_ARRAY_PARAMETERS and UBS_ARRAY_GRADIENT, are not available. */
+/* Makes a renderer with UBS_RENDER_GAUSSIANS render these Gaussians. Such a renderer is created with a
+ * model of any number of splats with dim = 3, kernel = gaussian, rot_mode = quaternion and no lobes; the
+ * values of this model are not used. The number of Gaussians may change with each call. The function keeps
+ * the addresses: the arrays must exist, with the same values, during all calls of ubs_renderer_draw,
+ * ubs_renderer_vjp, ubs_renderer_camera_gradient and ubs_renderer_get_gaussian_gradients. The values are
+ * not checked. A Gaussian with a value that is not finite is not rendered. With antialias = on, the blur
+ * compensation is at least 0.005, as in gsplat. The functions ubs_renderer_update and ubs_renderer_loss,
+ * and UBS_ARRAY_PARAMETERS and UBS_ARRAY_GRADIENT, are not available. */
 UBS_API ubs_status ubs_renderer_set_gaussians(ubs_renderer* renderer, const ubs_gaussians* gaussians);
-/* Writes the gradients of the last ubs_renderer_vjp, which was called without a model, to arrays of the program,
- * and waits until they are complete. `count` and `bases` must be those of the Gaussians. The function does not
- * write the gradients of coefficients that are not used. */
+/* Writes the gradients of the last ubs_renderer_vjp, which was called without a model, to arrays of the
+ * program, and waits until they are complete. `count` and `bases` must be those of the Gaussians. The
+ * function does not write the gradients of coefficients that are not used, and does not check whether
+ * gradients are finite. */
 UBS_API ubs_status ubs_renderer_get_gaussian_gradients(ubs_renderer* renderer, const ubs_gaussians* gradients);
 /* Renders a view and copies the arrays of `image` that are not NULL. */
 UBS_API ubs_status ubs_renderer_draw(ubs_renderer* renderer, const ubs_camera* camera,
@@ -443,8 +447,8 @@ typedef enum ubs_array_name {
    * between the near and far planes are computed with the depth 1. */
   UBS_ARRAY_MEANS2D = 8,
   UBS_ARRAY_DEPTHS = 9, /* (splats): the depth of each splat in the last image, in units of the world */
-  /* (splats): the opacity with which each splat is rendered in the last image. The values of splats that are not
-   * between the near and far planes are undefined. */
+  /* (splats): the opacity with which each splat is rendered in the last image. The values of splats that are
+   * not between the near and far planes are undefined. */
   UBS_ARRAY_OPACITIES = 10
 } ubs_array_name;
 

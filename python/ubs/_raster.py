@@ -95,7 +95,7 @@ class Slot:
 
 
 @dataclass(frozen=True)
-class Form:
+class FlatForm:
     """Describes the kind of flat splats that a renderer renders."""
 
     kernel: str  # "gaussian" or "beta"
@@ -120,7 +120,7 @@ class FlatSlot(Slot):
     """A renderer of flat splats with a capacity of `room` splats. If fewer splats are used, the others are made
     invisible."""
 
-    def __init__(self, device: Device, room: int, form: Form) -> None:
+    def __init__(self, device: Device, room: int, form: FlatForm) -> None:
         self.model = Model.empty(splats=room, **form.settings())
         renderer = Renderer(self.model, device, gradients=True, absgrad=form.absgrad, falloff=form.falloff)
         try:
@@ -388,7 +388,7 @@ class Draw(torch.autograd.Function):
             if not is_finite(tensor):
                 raise NumericalError(f"the projected {name} of a splat is not finite: its parameters are too large")
         ctx.camera = _camera(size)
-        ctx.slot = slot_for(device, count, Form("gaussian" if betas is None else "beta", falloff=falloff))
+        ctx.slot = slot_for(device, count, FlatForm("gaussian" if betas is None else "beta", falloff=falloff))
         ctx.holder = object()
         images = []
         with ctx.slot.lock:

@@ -2,9 +2,9 @@
 """The fast implementation of rasterization(), in which the device reads the tensors of the Gaussians, projects the
 Gaussians and evaluates their spherical harmonics, and writes the gradients to tensors.
 
-It supports the calls that most trainers make: the Gaussians have quaternions and scales, all cameras share three colours
-or spherical harmonics up to degree 3, and the viewmats and Ks of the pinhole cameras need no gradients. supports() and
-rasterization() test all conditions."""
+It supports the calls that most trainers make: the Gaussians have quaternions and scales, all cameras share three
+colours or spherical harmonics up to degree 3, and the viewmats and Ks of the pinhole cameras need no gradients.
+supports() and rasterization() test all conditions."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ class _GaussianRenderer(Renderer):
 
 
 @dataclass(frozen=True)
-class Form:
+class GaussianForm:
     """Describes what a renderer of Gaussians renders."""
 
     degree: int | None  # of the spherical harmonics; None for plain colours
@@ -73,7 +73,7 @@ class Form:
 class GaussianSlot(Slot):
     """A renderer of any number of Gaussians."""
 
-    def __init__(self, device: Device, form: Form) -> None:
+    def __init__(self, device: Device, form: GaussianForm) -> None:
         near, far = form.planes
         colour = "rgb" if form.degree is None else f"sh{form.degree}"
         model = Model.empty(
@@ -85,7 +85,7 @@ class GaussianSlot(Slot):
             self.memory = self.array("v_rgb", (1, 1)).device  # where the tensors must be
         except UsageError:
             super().__init__(device, form, None, shared=False)
-        # The Gaussians that the device reads. The slot does not keep their tensors alive, because trainers replace them.
+        # The Gaussians that the device reads. This is a weak reference, because trainers replace their tensors.
         self.reads: weakref.ref[Gaussians] | None = None
 
     def readable(self, splats: Gaussians) -> Gaussians:
@@ -103,31 +103,35 @@ class GaussianSlot(Slot):
         _abi.call("renderer_set_gaussians", self.renderer, ctypes.byref(splats.to_c()))
         self.reads = weakref.ref(splats)
 
+    def positions_gradient(
+        self, splats: Gaussians, camera: Camera, v_rgb: Tensor | None, v_alpha: Tensor | None
+    ) -> Tensor:
+        """Returns the gradient with respect to the positions in the image (n, 2) [1/px], or the sums of absolute values
+        that GaussianForm.absgrad describes."""
+        self.put(splats)
+        self.propagate(camera, v_rgb, v_alpha)
+        found = self.array("v_means2d").clone()
+        _check_finite(found)
+        return found
+
     def differentiate(
         self, splats: Gaussians, camera: Camera, v_rgb: Tensor | None, v_alpha: Tensor | None
     ) -> tuple[Tensor, tuple[Tensor, ...]]:
-        """Returns the gradient with respect to the positions in the image (n, 2) [1/px], and those of the tensors of
-        the Gaussians, which include the effect of the positions."""
-        self.put(splats)
-        self.propagate(camera, v_rgb, v_alpha)
-        v_means2d = self.array("v_means2d").clone()
+        """Returns the result of positions_gradient(), and the gradients of the tensors of the Gaussians, which include
+        the effect of the positions."""
+        v_means2d = self.positions_gradient(splats, camera, v_rgb, v_alpha)
         v = Gaussians(*(torch.empty_like(tensor) for tensor in splats.tensors()))
         if self.form.degree is not None:
             v.colors[:, (self.form.degree + 1) ** 2 :] = 0
         wait(v_means2d, v.colors)
         _abi.call("renderer_get_gaussian_gradients", self.renderer, ctypes.byref(v.to_c()))
-        if not all(map(is_finite, v.tensors())):
-            raise NumericalError("a gradient of the splats is not finite")
+        _check_finite(*v.tensors())
         return v_means2d, v.tensors()
 
-    def absolute_sums(
-        self, splats: Gaussians, camera: Camera, v_rgb: Tensor | None, v_alpha: Tensor | None
-    ) -> Tensor:
-        """Returns the sums of absolute gradients with respect to the positions in the image (n, 2). Requires a Form with
-        `absgrad`."""
-        self.put(splats)
-        self.propagate(camera, v_rgb, v_alpha)
-        return self.array("v_means2d").clone()
+
+def _check_finite(*gradients: Tensor) -> None:
+    if not all(map(is_finite, gradients)):
+        raise NumericalError("a gradient of the splats is not finite")
 
 
 @dataclass
@@ -175,7 +179,7 @@ def supports(
 
 
 def draw(
-    splats: Gaussians, form: Form, viewmats: Tensor, ks: Tensor, size: tuple[int, int], device: DeviceLike
+    splats: Gaussians, form: GaussianForm, viewmats: Tensor, ks: Tensor, size: tuple[int, int], device: DeviceLike
 ) -> list[Drawn] | None:
     """Renders the image of each camera. Returns None if the device does not share its memory."""
     slot: GaussianSlot = slot_for(device, len(splats.means), form)
@@ -190,7 +194,8 @@ def draw(
         for matrix, k in zip(viewmats.cpu().double().numpy(), ks.cpu().double().numpy()):
             camera = Camera.from_matrix(matrix, k, *size)
             rgb, alpha = slot.draw(camera, where, recorded)
-            points, depths, extents = (slot.array(name).to(where, copy=True) for name in ("means2d", "depths", "extents"))
+            names = ("means2d", "depths", "extents")
+            points, depths, extents = (slot.array(name).to(where, copy=True) for name in names)
             # Without antialiasing, these are the opacities of the Gaussians.
             strength = slot.array("opacities").to(where, copy=True) if form.antialiased else splats.opacities
             found.append(Drawn(rgb, alpha, points, depths, extents, strength, slot, camera, readable))
@@ -249,9 +254,9 @@ class Project(torch.autograd.Function):
 
 class Render(torch.autograd.Function):
     """Returns the image of a Drawn, which has already been rendered, with gradients. The inputs are: the Drawn, an
-    AbsGrad or None, the indices of the splats that means2d contains (None for all splats), means2d, the positions of all
-    splats, and the tensors of Gaussians. The outputs are the image and its alpha. Project describes the gradients of the
-    positions."""
+    AbsGrad or None, the indices of the splats that means2d contains (None for all splats), means2d, the positions of
+    all splats, and the tensors of Gaussians. The outputs are the image and its alpha. Project describes the gradients
+    of the positions."""
 
     @staticmethod
     def forward(ctx: Any, *inputs: Any, **_: Any) -> tuple[Tensor, Tensor]:
@@ -278,14 +283,14 @@ class Render(torch.autograd.Function):
         if ctx.absgrad is not None:
             slot = slot_for(slot.device, len(v_all), replace(slot.form, absgrad=True))
             with slot.lock:
-                sums = slot.absolute_sums(ctx.splats, ctx.camera, v_rgb, v_alpha).to(where)
+                sums = slot.positions_gradient(ctx.splats, ctx.camera, v_rgb, v_alpha).to(where)
             ctx.absgrad.put(sums if ctx.ids is None else sums[ctx.ids])
         return (None, None, None, v_means2d, -v_all, *(v.to(where) for v in found))
 
 
 def render(
-    splats: Gaussians, form: Form, viewmats: Tensor, ks: Tensor, size: tuple[int, int], packed: bool, absgrad: bool,
-    device: DeviceLike, meta: dict[str, Any],
+    splats: Gaussians, form: GaussianForm, viewmats: Tensor, ks: Tensor, size: tuple[int, int], packed: bool,
+    absgrad: bool, device: DeviceLike, meta: dict[str, Any],
 ) -> list[tuple[Tensor, Tensor]] | None:
     """Returns the image (H, W, 3) and the alpha (H, W) of each camera, without background. Writes into `meta` those
     entries of the dictionary of rasterization() that describe splats, except for conics. The opacities are those of the

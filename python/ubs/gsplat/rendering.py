@@ -526,7 +526,7 @@ def rasterization(
         assert quats is not None and scales is not None
         _check("colors", shared, tuple(shared.shape), like=means)
         antialiased = rasterize_mode == "antialiased"
-        form = fused.Form(None if sh_degree is None else int(sh_degree), eps2d, planes, antialiased)
+        form = fused.GaussianForm(None if sh_degree is None else int(sh_degree), eps2d, planes, antialiased)
         splats = fused.Gaussians(means, quats, scales, opacities, shared[:, None] if sh_degree is None else shared)
         pictures = fused.render(splats, form, viewmats, Ks, size, packed, absgrad, device, meta)
         if pictures is not None:
