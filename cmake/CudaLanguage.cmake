@@ -1,6 +1,7 @@
 # Finds a CUDA compiler as requested by UBS_CUDA (AUTO, ON, OFF) and sets UBS_WITH_CUDA. The architectures are
 # CMAKE_CUDA_ARCHITECTURES or, if that is not set, the environment variable CUDAARCHS or, if that is not set
-# either, those of ubs_cuda_architectures. With pip, they are those of the GPUs of this machine, if there are any.
+# either, those of ubs_cuda_architectures. With pip, they are those of the GPUs of this machine or, if it has none,
+# only PTX of the oldest architecture, which the drivers of all GPUs compile at first use. This is faster to build.
 # Measured sizes and times are in docs/cuda.md.
 include(${CMAKE_CURRENT_LIST_DIR}/CudaArchitectures.cmake)
 set(UBS_WITH_CUDA OFF)
@@ -26,6 +27,9 @@ if(NOT chosen)
   set(CMAKE_CUDA_ARCHITECTURES $ENV{CUDAARCHS})
   if(NOT CMAKE_CUDA_ARCHITECTURES AND SKBUILD)
     set(CMAKE_CUDA_ARCHITECTURES ${CMAKE_CUDA_ARCHITECTURES_NATIVE})
+    if(NOT CMAKE_CUDA_ARCHITECTURES)
+      set(CMAKE_CUDA_ARCHITECTURES 75-virtual)
+    endif()
   endif()
   if(NOT CMAKE_CUDA_ARCHITECTURES)
     ubs_cuda_architectures(${CMAKE_CUDA_COMPILER_VERSION} CMAKE_CUDA_ARCHITECTURES)
