@@ -27,8 +27,10 @@ import torch
 # The arguments of rasterization() for each mode. With sh_degree None, the colours of the Gaussians are random.
 MODES = {
     "plain": {}, "absgrad": {"absgrad": True}, "sparse_grad": {"sparse_grad": True}, "rgb": {"sh_degree": None},
-    "antialiased": {"rasterize_mode": "antialiased"}, "depth": {"render_mode": "RGB+ED"},
+    "antialiased": {"rasterize_mode": "antialiased"}, "depth": {"render_mode": "RGB+ED"}, "background": {},
+    "8 channels": {"sh_degree": None},
 }
+CHANNELS = {"depth": 4, "8 channels": 8}  # in other modes, images have three channels
 # Number of timed views with tensors on a GPU. With tensors on the CPU, an eighth of them is timed. The cameras are used
 # in turn.
 VIEWS = 400
@@ -61,7 +63,7 @@ def cameras(folder, size, where):
 
 
 def card_ms(draw):
-    """Returns a text with the mean time of views that the GPU renders without a pause, and the median time of single
+    """Returns a string with the mean time of views that the GPU renders without a pause, and the median time of single
     views."""
     for _ in range(20):
         draw()
@@ -83,7 +85,7 @@ def card_ms(draw):
 
 
 def host_ms(draw):
-    """Returns a text with the median time of single views."""
+    """Returns a string with the median time of single views."""
     times = []
     for k in range(5 + VIEWS // 8):
         start = time.perf_counter()
@@ -118,7 +120,8 @@ def main():
     parser.add_argument("--size", type=int, default=800, help="width and height of the images [px]")
     parser.add_argument("--package", choices=("gsplat", "ubs.gsplat"), default="gsplat")
     parser.add_argument("--tensors", choices=("cuda", "cpu"), default="cuda", help="device of PyTorch's tensors")
-    parser.add_argument("--mode", choices=MODES, default="plain", help="what is rendered, and which gradients")
+    parser.add_argument("--mode", choices=MODES, default="plain",
+                        help="what is rendered, and which gradients are computed")
     args = parser.parse_args()
     rasterization = importlib.import_module(args.package).rasterization
     measured = card_ms if args.tensors == "cuda" else host_ms
@@ -133,13 +136,15 @@ def main():
         torch.sigmoid(columns("opacity")[:, 0]),
         torch.cat([columns("f_dc_0", "f_dc_1", "f_dc_2")[:, None], rest], 1).contiguous(),
     ]
-    how = {"sh_degree": 3, **MODES[args.mode]}
+    how, channels = {"sh_degree": 3, **MODES[args.mode]}, CHANNELS.get(args.mode, 3)
     if how["sh_degree"] is None:
-        parameters[4] = torch.rand(len(parameters[0]), 3, device=args.tensors)
+        parameters[4] = torch.rand(len(parameters[0]), channels, device=args.tensors)
+    if args.mode == "background":
+        how["backgrounds"] = torch.rand(1, 3, device=args.tensors)
     for parameter in parameters:
         parameter.requires_grad_(True)
     views, intrinsics = cameras(args.data, args.size, args.tensors)
-    v_image = torch.rand(1, args.size, args.size, 4 if args.mode == "depth" else 3, device=args.tensors)
+    v_image = torch.rand(1, args.size, args.size, channels, device=args.tensors)
 
     for packed in (True,) if args.mode == "sparse_grad" else (False, True):
         drawn = 0

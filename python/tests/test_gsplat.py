@@ -289,9 +289,20 @@ def fused_calls(monkeypatch: pytest.MonkeyPatch) -> list[bool]:
     return calls
 
 
+# Cases in which the device renders depth, another number of channels than three, or different colours for each camera.
+OTHER_CHANNELS = ("depth", "expected depth", "rgb and depth", "rgb and expected depth", "sh 2", "8 channels", "1 channel",
+                  "colours per camera")
+
+
 @pytest.mark.parametrize("packed", [True, False])
-@pytest.mark.parametrize("name", ["0", "1", "2", "3", "1 of 3", "opaque", "antialiased", "rgb", "tiny antialiased rgb"])
+@pytest.mark.parametrize(
+    "name", ["0", "1", "2", "3", "1 of 3", "opaque", "antialiased", "rgb", "tiny antialiased rgb", *OTHER_CHANNELS]
+)
 def test_projection_on_the_device(name: str, packed: bool, fused_calls: list[bool]) -> None:
+    if name in OTHER_CHANNELS:
+        errors = compare(case(name), f"projected, {name}", packed, CAMERA, **CASES[name])
+        assert fused_calls == [True]
+        return within(errors)
     plain = "rgb" in name
     s, degree = case("rgb" if plain else "sh 3"), 1 if name == "1 of 3" else int(name) if name.isdigit() else 3
     options: Any = {} if plain else {"sh_degree": degree}
@@ -312,7 +323,7 @@ def test_projection_on_the_device(name: str, packed: bool, fused_calls: list[boo
 
 
 @pytest.mark.parametrize("packed", [True, False])
-@pytest.mark.parametrize("name", ["sh 3", "antialiased", "rgb"])
+@pytest.mark.parametrize("name", ["sh 3", "antialiased", "rgb", "sh 2", "depth", "8 channels"])
 def test_both_routes_agree(name: str, packed: bool, fused_calls: list[bool]) -> None:
     """Tests that projection on the device and projection with PyTorch give the same results. The test compares all
     entries of the returned dictionary, and the gradients of a loss that depends on positions, depths, conics, opacities
@@ -334,7 +345,9 @@ def test_both_routes_agree(name: str, packed: bool, fused_calls: list[bool]) -> 
         found.append((images, alphas, meta, mine))
     assert fused_calls == [True]
     (images, alphas, meta, mine), (images2, alphas2, meta2, mine2) = found
-    assert float((images - images2).abs().max()) < 2e-6 and float((alphas - alphas2).abs().max()) < 2e-6
+    # Depths are larger than colours, and in the mode RGB+ED, they are divided by values of alpha down to 0.003.
+    bound = {"sh 2": 1e-4, "depth": 7e-6}.get(name, 2e-6)
+    assert float((images - images2).abs().max()) < bound and float((alphas - alphas2).abs().max()) < 2e-6
     assert set(meta2) <= set(meta) | {"conics", "opacities"} and "conics" in meta and "isect_ids" not in meta
     for key in meta2:
         a, b = meta[key], meta2[key]
@@ -346,7 +359,8 @@ def test_both_routes_agree(name: str, packed: bool, fused_calls: list[bool]) -> 
     for key in (*s, "means2d"):
         if key not in CAMERA:
             a, b = (m["means2d"].grad if key == "means2d" else t[key].grad for m, t in ((meta, mine), (meta2, mine2)))
-            assert norm_error(a, b.double()) < 2e-5, key
+            assert (a is None) == (b is None) == (name == "depth" and key in ("colors", "backgrounds")), key
+            assert b is None or norm_error(a, b.double()) < 2e-5, key
 
 
 def test_images_are_differentiated_in_any_order(fused_calls: list[bool]) -> None:
@@ -442,15 +456,15 @@ def test_calls_that_the_device_cannot_project(change: str, fused_calls: list[boo
         chunks = {"absgrad": True, "channel_chunk": 2}
         options = {"radius_clip": {"radius_clip": 2.0}, "two chunks": chunks}.get(change, {"near_plane": 0.0})
         if change == "two chunks":
-            s["colors"], options["sh_degree"] = s["colors"][:, 0], None
+            s["colors"], options["sh_degree"] = s["colors"][:, 0].requires_grad_(), None
     images, _, meta = rasterization(**s, width=WIDTH, height=HEIGHT, **{"sh_degree": 1, **options})
     assert not fused_calls and float(images.max()) > 0.1 and meta["conics"].shape[-1] == 3
 
 
 def within(errors: dict[str, float]) -> None:
     """Checks that errors are within their bounds. The largest errors observed on PoCL are 5.7e-7 for pixels and alpha,
-    2.8e-6 for depths, 6.0e-6 for the gradient of Ks, and 3.9e-6 for the other gradients."""
-    bounds = {"image": 1.1e-6, "alpha": 1.1e-6, "depth": 5.6e-6, "Ks": 1.2e-5}
+    2.8e-6 for depths, 6.0e-6 for the gradient of Ks, 7.1e-6 for that of quats, and 3.9e-6 for the other gradients."""
+    bounds = {"image": 1.1e-6, "alpha": 1.1e-6, "depth": 5.6e-6, "Ks": 1.2e-5, "quats": 1.4e-5}
     for name, error in errors.items():
         assert error <= bounds.get(name, 7.8e-6), f"the error of {name} is {error:.1e}, which exceeds its bound"
 
@@ -571,6 +585,7 @@ def test_batches_are_those_of_single_calls() -> None:
         for i in range(2):
             for j in range(2):
                 one = {key: value[i, j] for key, value in s.items()}
+                one["viewmats"].requires_grad_()  # so that PyTorch projects the Gaussians, as in batches
                 image, alpha, single = rasterization(
                     **one, width=WIDTH, height=HEIGHT, packed=packed, render_mode="RGB+ED"
                 )
@@ -643,7 +658,8 @@ AUTOCAST: dict[str, dict[str, Any]] = {
     "on the device": {"colors": (4, 3), "sh_degree": 1},
     "on the device, packed": {"colors": (4, 3), "sh_degree": 1, "packed": True},
     "harmonics": {"colors": (25, 3), "sh_degree": 4, "viewmats": True},
-    "antialiased": {"rasterize_mode": "antialiased", "render_mode": "RGB+ED", "colors": (4,)},
+    "antialiased, on the device": {"rasterize_mode": "antialiased", "render_mode": "RGB+ED", "colors": (4,)},
+    "antialiased": {"rasterize_mode": "antialiased", "render_mode": "RGB+ED", "colors": (4,), "viewmats": True},
     "absgrad": {"absgrad": True, "channel_chunk": 2, "colors": (5,)},
 }
 
@@ -655,7 +671,7 @@ def test_autocast_changes_nothing(name: str, fused_calls: list[bool]) -> None:
     s, of_cameras = scene(), how.pop("viewmats", False)
     torch.manual_seed(3)
     s["colors"] = torch.rand(120, *how.pop("colors"))
-    s["backgrounds"] = torch.rand(2, 5 if name == "absgrad" else 4 if name == "antialiased" else 3)
+    s["backgrounds"] = torch.rand(2, 5 if name == "absgrad" else 4 if "antialiased" in name else 3)
     results = []
     for enabled in (False, True):
         learnt = {key: v.clone().requires_grad_(of_cameras or key not in ("viewmats", "Ks")) for key, v in s.items()}
@@ -675,13 +691,13 @@ def test_second_order_gradients_are_refused(fused_calls: list[bool]) -> None:
     again, but without the part that goes through the image."""
     s = scene(cameras=1)
     s["colors"] = torch.randn(120, 4, 3)
-    for mode in ("RGB", "RGB+D"):
+    for how in ({}, {"render_mode": "RGB+D"}, {"radius_clip": 0.1}):
         means = s["means"].clone().requires_grad_()
-        image = rasterization(**{**s, "means": means}, width=WIDTH, height=HEIGHT, sh_degree=1, render_mode=mode)[0]
+        image = rasterization(**{**s, "means": means}, width=WIDTH, height=HEIGHT, sh_degree=1, **how)[0]
         for loss in (image.sum(), (image**2).sum()):
             with pytest.raises(ubs.UsageError, match="no second-order gradients"):
                 torch.autograd.grad(loss, means, create_graph=True)
-    assert fused_calls == [True]
+    assert fused_calls == [True, True]
 
 
 def test_threads_draw_what_one_draws() -> None:
@@ -838,7 +854,7 @@ def test_numbers_may_have_other_types() -> None:
         np.int64(HEIGHT),
         eps2d=torch.tensor(0.25), near_plane=torch.tensor(0.5), radius_clip=np.float32(0),  # type: ignore[arg-type]
     )[1]
-    assert torch.equal(means2d, meta["means2d"])
+    assert torch.allclose(means2d, meta["means2d"], atol=1e-5)
 
 
 @pytest.mark.parametrize("zero", [slice(0, 4), slice(2, 3)])

@@ -223,7 +223,10 @@ class Falloff:
         self._beta_slope = _derivative(self._log2, "beta")
         self.code = tuple(_code(node) for node in (self._log2, self._r_slope, self._beta_slope))
         if max(map(len, self.code)) > MOST_CHARACTERS:
-            raise UsageError(f"falloff '{log2[:200]}': its derivative is too long: pass a shorter slope")
+            raise UsageError(
+                f"falloff '{log2[:200]}': its derivative is too long: simplify log2, or pass a shorter expression of "
+                f"the derivative as slope"
+            )
         self._check_values()
 
     def __repr__(self) -> str:

@@ -345,8 +345,8 @@ class Renderer(_abi.Handle):
     def _take_size(self, height: int, width: int) -> None:
         if self._lends_other(height, width):
             raise UsageError(
-                f"an array of an image of another size is still in use, and rendering {width}x{height} pixels would "
-                f"free its memory: copy the array and delete it first, or use another renderer"
+                f"rendering {width}x{height} pixels would free the memory of an array that is still in use and has "
+                f"another image size: delete that array (copy it first if you need it), or use another renderer"
             )
 
     def render(self, camera: Camera, time: float | None = None, *, for_gradient: bool = False) -> Image:

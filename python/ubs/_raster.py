@@ -195,7 +195,9 @@ def gradient_on_device(renderer: Renderer, camera: Camera, v_rgb: Tensor | None,
         image: Tensor = cast(Any, torch).from_dlpack(renderer.array("rgb"))
         left: Tensor = cast(Any, torch).from_dlpack(renderer.array("transmittance"))
         v_alpha = v_alpha.to(into.device)
-        most = into.abs().argmax(-1, keepdim=True)
+        red, green, blue = into.abs().unbind(-1)
+        # The channel with the largest gradient. argmax() would take as long as the backward pass.
+        most = (green > red).long().masked_fill_(blue > torch.maximum(red, green), 2)[..., None]
         v = into.gather(-1, most)[..., 0]
         v = torch.where(v.abs() < MIN_SHARE * v_alpha.abs(), MIN_SHARE * v_alpha, v)
         into.scatter_(-1, most, v[..., None])
@@ -417,7 +419,7 @@ class Draw(torch.autograd.Function):
                         mine = slot.holds is not None and slot.holds[0] is ctx.holder
                         values = {"rgb": _three(colors, first, depths)}
                         slot.put((ctx.holder, first), values if mine else {**rows.as_values(), **values})
-                    v_rgb = None if v_image is None else _padded(v_image[..., first : first + 3])
+                    v_rgb = None if v_image is None else padded(v_image[..., first : first + 3])
                     v = slot.differentiate(ctx.camera, v_rgb, v_alpha if first == 0 else None)
                     v = {name: tensor.to(where) for name, tensor in v.items()}
                     width = min(3, channels - first)
@@ -430,7 +432,7 @@ class Draw(torch.autograd.Function):
                     for first, v_part, v_weight in ctx.absgrad.chunks(v_image, v_alpha):
                         values = {"rgb": _three(colors[:, : first + ctx.absgrad.chunk], first, depths)}
                         slot.put((ctx.holder, first), {**rows.as_values(), **values} if first == 0 else values)
-                        v = slot.differentiate(ctx.camera, None if v_part is None else _padded(v_part), v_weight)
+                        v = slot.differentiate(ctx.camera, None if v_part is None else padded(v_part), v_weight)
                         sums = sums + rows.gradients({name: tensor.to(where) for name, tensor in v.items()})[0]
         if ctx.absgrad is not None:
             ctx.absgrad.put(sums)
@@ -444,7 +446,8 @@ def _camera(size: tuple[int, int]) -> Camera:
     return Camera.from_matrix(np.eye(4), (focal, focal, width / 2, height / 2), width, height)
 
 
-def _padded(tensor: Tensor) -> Tensor:
+def padded(tensor: Tensor) -> Tensor:
+    """Returns the last dimension padded with zeros to three values."""
     missing = 3 - tensor.shape[-1]
     return tensor if missing == 0 else cast(Tensor, torch.nn.functional.pad(tensor, (0, missing)))
 
@@ -452,7 +455,7 @@ def _padded(tensor: Tensor) -> Tensor:
 def _three(colors: Tensor, first: int, depths: Tensor) -> Tensor:
     """Returns three channels starting with `first`, as rows. The values of ellipses with a depth of 0 or less, and of
     channels that do not exist, are 0."""
-    part = _padded(colors[:, first : first + 3]).T
+    part = padded(colors[:, first : first + 3]).T
     return torch.where(depths > 0, part, torch.zeros_like(part))
 
 

@@ -2,9 +2,9 @@
 """The fast implementation of rasterization(), in which the device reads the tensors of the Gaussians, projects the
 Gaussians and evaluates their spherical harmonics, and writes the gradients to tensors.
 
-It supports the calls that most trainers make: the Gaussians have quaternions and scales, all cameras share three
-colours or spherical harmonics up to degree 3, and the viewmats and Ks of the pinhole cameras need no gradients.
-supports() and rasterization() test all conditions."""
+It supports the calls that most trainers make: the Gaussians have quaternions and scales, and either spherical harmonics
+up to degree 3, which all cameras share, or any number of colour channels. The viewmats and Ks of the pinhole cameras
+need no gradients. supports() and rasterization() test all conditions."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from .._data import Camera
 from .._device import Device, DeviceLike
 from .._errors import NumericalError, UsageError
 from .._model import Model, Renderer
-from .._raster import AbsGrad, Slot, first_order, is_finite, slot_for, stacked, wait
+from .._raster import AbsGrad, Slot, first_order, is_finite, padded, slot_for, stacked, wait
 from .._settings import BOOLEANS
 
 LEAST_ALPHA = 1 / 255  # Gaussians with a lower opacity are not rendered
@@ -153,20 +153,21 @@ def supports(
     colors: Any, scales: Tensor | None, viewmats: Tensor, ks: Tensor, degree: int | None, planes: tuple[float, float],
     eps2d: float,
 ) -> bool:
-    """Returns whether render() supports these arguments of rasterization(), if they have no batch dimensions. The
-    caller has checked all arguments except colors."""
-    if isinstance(degree, BOOLEANS) or degree not in (None, 0, 1, 2, 3) or not isinstance(colors, Tensor):
+    """Returns whether render() supports these arguments of rasterization(), if they have no batch dimensions. `colors`
+    is None if no colours are rendered. The caller has checked all other arguments."""
+    if isinstance(degree, BOOLEANS) or degree not in (None, 0, 1, 2, 3) or scales is None or len(viewmats) == 0:
         return False
-    if scales is None or len(viewmats) == 0:
+    count = len(scales)
+    if count == 0 or not bool((scales > 0).all()):
         return False
-    if len(scales) == 0 or not bool((scales > 0).all()):
-        return False
-    if degree is None and tuple(colors.shape) != (len(scales), 3):
-        return False
-    if degree is not None and (
-        colors.dim() != 3 or len(colors) != len(scales) or colors.shape[1] < (degree + 1) ** 2 or colors.shape[2] != 3
-    ):
-        return False
+    if colors is not None:
+        shape = tuple(colors.shape) if isinstance(colors, Tensor) else ()
+        if degree is None:
+            fits = shape[:-1] in ((count,), (len(viewmats), count)) and shape[-1] > 0
+        else:
+            fits = len(shape) == 3 and shape[0] == count and shape[1] >= (degree + 1) ** 2 and shape[2] == 3
+        if not fits:
+            return False
     if torch.is_grad_enabled() and (viewmats.requires_grad or ks.requires_grad):
         return False
     if not (1e-6 <= planes[0] < planes[1] <= 1e30 and eps2d <= 100):
@@ -178,9 +179,7 @@ def supports(
     return rigid and bool((viewmats[:, 3] == last).all())
 
 
-def draw(
-    splats: Gaussians, form: GaussianForm, viewmats: Tensor, ks: Tensor, size: tuple[int, int], device: DeviceLike
-) -> list[Drawn] | None:
+def draw(splats: Gaussians, form: GaussianForm, cameras: list[Camera], device: DeviceLike) -> list[Drawn] | None:
     """Renders the image of each camera. Returns None if the device does not share its memory."""
     slot: GaussianSlot = slot_for(device, len(splats.means), form)
     where = splats.means.device
@@ -191,8 +190,7 @@ def draw(
     with torch.no_grad(), slot.lock:
         readable = slot.readable(splats)
         slot.put(readable)
-        for matrix, k in zip(viewmats.cpu().double().numpy(), ks.cpu().double().numpy()):
-            camera = Camera.from_matrix(matrix, k, *size)
+        for camera in cameras:
             rgb, alpha = slot.draw(camera, where, recorded)
             names = ("means2d", "depths", "extents")
             points, depths, extents = (slot.array(name).to(where, copy=True) for name in names)
@@ -202,11 +200,16 @@ def draw(
     return found
 
 
+def in_camera(axes: slice, means: Tensor, viewmats: Tensor) -> Tensor:
+    """Returns the coordinates (C, n, axes) of the means along these axes of the cameras. Depth is the axis 2."""
+    x, y, z = means[:, 0:1], means[:, 1:2], means[:, 2:3]
+    columns = viewmats[:, None, axes].unbind(-1)  # not a matrix product, which would lose precision in torch.autocast
+    return x * columns[0] + y * columns[1] + z * columns[2] + columns[3]
+
+
 def positions(means: Tensor, viewmats: Tensor, ks: Tensor, planes: tuple[float, float]) -> tuple[Tensor, Tensor]:
     """Returns the positions (C, n, 2) in the images, and the depths (C, n), as the device computes them."""
-    x, y, z = means[:, 0:1], means[:, 1:2], means[:, 2:3]
-    columns = viewmats[:, None, :3].unbind(-1)  # not a matrix product, which would lose precision in torch.autocast
-    points = x * columns[0] + y * columns[1] + z * columns[2] + columns[3]
+    points = in_camera(slice(3), means, viewmats)
     depths = points[..., 2]
     seen = (depths >= planes[0]) & (depths <= planes[1])
     # The depth 1 avoids infinite gradients of Gaussians that are not visible.
@@ -288,38 +291,73 @@ class Render(torch.autograd.Function):
         return (None, None, None, v_means2d, -v_all, *(v.to(where) for v in found))
 
 
+def _passes(
+    splats: Gaussians, values: Tensor | None, form: GaussianForm, cameras: list[Camera], device: DeviceLike
+) -> list[list[tuple[Drawn, Gaussians]]] | None:
+    """Returns the passes of each camera. The arguments are those of render()."""
+    parts: list[tuple[Tensor, GaussianForm, list[int]]] = []  # colours (n, K, 3), and indices of cameras
+    everyone = list(range(len(cameras)))
+    if form.degree is not None:
+        parts.append((splats.colors, form, everyone))
+    if values is not None:
+        plain = replace(form, degree=None)
+        for first in range(0, values.shape[-1], 3):
+            for k, own in enumerate(values):
+                parts.append((padded(own[:, first : first + 3])[:, None], plain, everyone if len(values) == 1 else [k]))
+    passes: list[list[tuple[Drawn, Gaussians]]] = [[] for _ in cameras]
+    for colours, shape, chosen in parts:
+        part = replace(splats, colors=colours)
+        drawn = draw(part, shape, [cameras[k] for k in chosen], device)
+        if drawn is None:
+            return None
+        for k, image in zip(chosen, drawn):
+            passes[k].append((image, part))
+    return passes
+
+
 def render(
-    splats: Gaussians, form: GaussianForm, viewmats: Tensor, ks: Tensor, size: tuple[int, int], packed: bool,
-    absgrad: bool, device: DeviceLike, meta: dict[str, Any],
+    splats: Gaussians, values: Tensor | None, form: GaussianForm, viewmats: Tensor, ks: Tensor, size: tuple[int, int],
+    packed: bool, absgrad: bool, device: DeviceLike, meta: dict[str, Any],
 ) -> list[tuple[Tensor, Tensor]] | None:
-    """Returns the image (H, W, 3) and the alpha (H, W) of each camera, without background. Writes into `meta` those
-    entries of the dictionary of rasterization() that describe splats, except for conics. The opacities are those of the
-    Gaussians, also with antialiasing. Returns None, and writes nothing, if the device does not share its memory."""
-    drawn = draw(splats, form, viewmats, ks, size, device)
-    if drawn is None:
+    """Returns the image (H, W, channels) and the alpha (H, W) of each camera, without background. The channels are the
+    colours from the harmonics in splats.colors, unless form.degree is None, and `values` (cameras or 1, n, D), unless
+    they are None. With `absgrad`, there may be at most 3 channels. Writes into `meta` those entries of the dictionary
+    of rasterization() that describe splats, except for conics. The opacities are those of the Gaussians, also with
+    antialiasing. Returns None, and writes nothing, if the device does not share its memory."""
+    cameras = [
+        Camera.from_matrix(matrix, k, *size)
+        for matrix, k in zip(viewmats.cpu().double().numpy(), ks.cpu().double().numpy())
+    ]
+    passes = _passes(splats, values, form, cameras, device)
+    if passes is None:
         return None
     planes = form.planes
-    computed = [[image.means2d, image.depths, image.extents, image.opacities] for image in drawn]
+    firsts = [images[0][0] for images in passes]
+    computed = [[image.means2d, image.depths, image.extents, image.opacities] for image in firsts]
     points, depths, extents, strength = (stacked(list(tensors)) for tensors in zip(*computed))
     points, depths, second = Project.apply(splats.means, viewmats, ks, planes, points, depths)
     opacities = splats.opacities.expand_as(depths)
     radii = _radii(extents, points, depths, strength, size, planes)
     ids: tuple[Tensor, ...] | None = torch.where((radii > 0).all(-1)) if packed else None
-    counts, own = [len(splats.means)] * len(drawn), [None] * len(drawn)
+    counts, own = [len(splats.means)] * len(cameras), [None] * len(cameras)
     meta.update(batch_ids=None, camera_ids=None, gaussian_ids=None)
     if ids is not None:
         points, depths, opacities, radii = (t[ids] for t in (points, depths, opacities, radii))
         meta.update(batch_ids=torch.zeros_like(ids[0]), camera_ids=ids[0], gaussian_ids=ids[1])
-        counts = torch.bincount(ids[0], minlength=len(drawn)).tolist()
+        counts = torch.bincount(ids[0], minlength=len(cameras)).tolist()
         own = list(ids[1].split(counts))
     meta.update(radii=radii, means2d=points, depths=depths, opacities=opacities)
     parts = points.unbind() if ids is None else points.split(counts)
-    sums: list[AbsGrad | None] = [None] * len(drawn)
     if absgrad:
         points.absgrad = torch.zeros_like(points)
-        sums = [AbsGrad(points, sum(counts[:k]), 3, None) for k in range(len(drawn))]
-    splits = zip(drawn, sums, own, parts, second.unbind())
-    return [Render.apply(*inputs, *splats.tensors()) for inputs in splits]
+    channels = (0 if form.degree is None else 3) + (0 if values is None else values.shape[-1])
+    found = []
+    for k, images in enumerate(passes):
+        sums = AbsGrad(points, sum(counts[:k]), 3, None) if absgrad else None
+        pictures = [Render.apply(image, sums, own[k], parts[k], second[k], *part.tensors()) for image, part in images]
+        rgb = pictures[0][0] if len(pictures) == 1 else torch.cat([picture for picture, _ in pictures], -1)
+        found.append((rgb[..., :channels], pictures[0][1]))
+    return found
 
 
 def _radii(

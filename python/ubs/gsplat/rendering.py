@@ -516,19 +516,27 @@ def rasterization(
         tile_height=-(-height // tile_size), n_batches=flat, n_cameras=cameras,
     )
     strength = opacities.reshape(flat, 1, n).expand(flat, cameras, n)
-    plain = (camera_model, render_mode) == ("pinhole", "RGB")
-    special = batch or radius_clip > 0 or covars is not None or extra_signals is not None
-    special = special or (absgrad and channel_chunk < 3)
-    shared = colors  # by all cameras
-    if sh_degree is None and cameras == 1 and isinstance(colors, Tensor) and colors.dim() == 3 and len(colors) == 1:
-        shared = colors[0]
-    if plain and not special and fused.supports(shared, scales, viewmats, Ks, sh_degree, planes, eps2d):
+    with_colors, with_depth = "RGB" in render_mode, "D" in render_mode
+    degree = sh_degree if with_colors else None
+    special = batch or radius_clip > 0 or covars is not None or extra_signals is not None or camera_model != "pinhole"
+    inputs = (means, quats, scales, covars, opacities, colors, viewmats, Ks, extra_signals)
+    recorded = torch.is_grad_enabled() and any(isinstance(t, Tensor) and t.requires_grad for t in inputs)
+    if absgrad and recorded:
+        special = special or channel_chunk < 3 or with_depth or _shape(colors, "colors", 2)[-1] > 3
+    if not special and fused.supports(colors if with_colors else None, scales, viewmats, Ks, degree, planes, eps2d):
         assert quats is not None and scales is not None
-        _check("colors", shared, tuple(shared.shape), like=means)
+        values = None  # the channels (cameras or 1, n, D) that are not computed from harmonics
+        if with_colors:
+            _check("colors", colors, tuple(colors.shape), like=means)
+        if with_colors and degree is None:
+            values = colors.reshape(-1, n, colors.shape[-1])
+        if with_depth:
+            depth = fused.in_camera(slice(2, 3), means, viewmats)
+            values = depth if values is None else torch.cat([values.expand(cameras, -1, -1), depth], -1)
         antialiased = rasterize_mode == "antialiased"
-        form = fused.GaussianForm(None if sh_degree is None else int(sh_degree), eps2d, planes, antialiased)
-        splats = fused.Gaussians(means, quats, scales, opacities, shared[:, None] if sh_degree is None else shared)
-        pictures = fused.render(splats, form, viewmats, Ks, size, packed, absgrad, device, meta)
+        form = fused.GaussianForm(None if degree is None else int(degree), eps2d, planes, antialiased)
+        splats = fused.Gaussians(means, quats, scales, opacities, colors)
+        pictures = fused.render(splats, values, form, viewmats, Ks, size, packed, absgrad, device, meta)
         if pictures is not None:
             if sparse_grad:
                 rows.append(meta["gaussian_ids"].unique())
@@ -541,8 +549,9 @@ def rasterization(
             if antialiased:
                 del meta["opacities"]
                 meta.later["opacities"] = lambda: of_projection(lambda seen: opacities * seen.compensation)
-            grounds = _grounds(backgrounds, means, batch, cameras, 3, 0, render_mode)
-            return *_blended(pictures, grounds, render_mode, means, (cameras, height, width)), meta
+            channels = pictures[0][0].shape[-1]
+            grounds = _grounds(backgrounds, means, batch, cameras, channels, 0, render_mode)
+            return *_blended(pictures, grounds, render_mode, means, (cameras, height, width, channels)), meta
     seen = _projected(means, covars, quats, scales, viewmats, Ks, size, eps2d, planes, camera_model)
     if rasterize_mode == "antialiased":
         strength = strength * seen.compensation
@@ -574,7 +583,6 @@ def rasterization(
     values = torch.cat(bands, -1) if len(bands) > 1 else bands[0]
     chunk = min(channel_chunk, 3)  # number of channels per sum of absolute gradients
     if absgrad:
-        recorded = torch.is_grad_enabled() and any(t.requires_grad for t in (means2d, factor, values, strength))
         if recorded and values.shape[-1] > 3 and channel_chunk > 3:
             raise UsageError(f"absgrad=True with {values.shape[-1]} channels requires channel_chunk of at most 3")
         means2d.absgrad = means2d.new_zeros(means2d.shape)
@@ -591,7 +599,8 @@ def rasterization(
         ground = None if grounds is None else grounds[k]
         sums = AbsGrad(means2d, sum(counts[:k]), chunk, ground) if absgrad else None
         pictures.append(draw(size, device, sums, *(part[k] for part in split)))
-    colours, alphas = _blended(pictures, grounds, render_mode, values, (*batch, cameras, height, width))
+    shape = (*batch, cameras, height, width, values.shape[-1])
+    colours, alphas = _blended(pictures, grounds, render_mode, means, shape)
 
     def out(tensor: Tensor) -> Tensor:
         return tensor if ids is not None else tensor.reshape(*batch, *tensor.shape[1:])
@@ -606,14 +615,14 @@ def rasterization(
 
 
 def _blended(
-    pictures: list[tuple[Tensor, Tensor]], grounds: list[Tensor] | None, mode: str, values: Tensor,
-    shape: tuple[int, ...],
+    pictures: list[tuple[Tensor, Tensor]], grounds: list[Tensor] | None, mode: str, like: Tensor, shape: tuple[int, ...]
 ) -> tuple[Tensor, Tensor]:
     """Blends images (H, W, D) and their alphas (H, W) with backgrounds (D,). In the modes with ED, divides the last
-    channel, which is the depth, by alpha. `values` (..., D) is any tensor with the number of channels, the type and the
-    device of the images. `shape` is the shape of all images together, without channels."""
+    channel, which is the depth, by alpha. `shape` is the shape of all images together. `like` is any tensor with the
+    type and the device of the images."""
+    alone = (*shape[:-1], 1)
     if not pictures:
-        return values.new_zeros((*shape, values.shape[-1])), values.new_zeros((*shape, 1))
+        return like.new_zeros(shape), like.new_zeros(alone)
     images, alphas = [], []
     for k, (image, weight) in enumerate(pictures):
         alpha = weight[..., None]
@@ -623,7 +632,7 @@ def _blended(
             image = torch.cat([image[..., :-1], image[..., -1:] / alpha.clamp_min(1e-10)], -1)
         images.append(image)
         alphas.append(alpha)
-    return stacked(images).reshape(*shape, values.shape[-1]), stacked(alphas).reshape(*shape, 1)
+    return stacked(images).reshape(shape), stacked(alphas).reshape(alone)
 
 
 def _shaded(
