@@ -59,8 +59,9 @@ void Lists::run(const BuildLists& lists) {
   if (lists.totals.intersections > UINT32_MAX || lists.totals.visible > lists.count ||
       lists.shape.tiles() < 1)
     fail(ErrorKind::internal,
-         "tile lists: {} intersections, {} visible splats of {} in total, and {} tiles are not supported",
-         lists.totals.intersections, lists.totals.visible, lists.count, lists.shape.tiles());
+         "tile lists: invalid sizes: {} intersections (at most {}), {} visible splats (at most {}), {} tiles "
+         "(at least 1)",
+         lists.totals.intersections, UINT32_MAX, lists.totals.visible, lists.count, lists.shape.tiles());
   const auto drawn = static_cast<u32>(lists.totals.visible),
              pairs = static_cast<u32>(lists.totals.intersections);
   const Job job = lists.bounded ? Job{lists, {drawn, drawn_.view()}, {pairs, pairs_.view()}}

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Declares the prefix sums and the radix sort of the CUDA back end, which are implemented with CUB. This
-// interface keeps CUB out of other files, because CUB takes long to compile. All functions are deterministic
-// and enqueue their work on `stream`.
+// interface keeps CUB out of other files, because compiling CUB takes a long time. All functions are
+// deterministic and enqueue their work on `stream`.
 #pragma once
 
 #include <cuda_runtime_api.h>

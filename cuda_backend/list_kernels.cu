@@ -63,8 +63,8 @@ __global__ void gather_areas(const u32* order, u32 most, const u32* counted, con
 }
 
 // Writes the intersections, with one thread per intersection, so that the work is balanced for rectangles of
-// any size. Two threads of a block find by bisection the splats of the first and the last intersection of the
-// block. Then each thread finds the splat of its own intersection by bisection between these two.
+// any size. In each block, two threads first find the splats of the block's first and last intersection by
+// bisection. Then each thread finds the splat of its own intersection by bisection between these two splats.
 template <typename Key>
 __global__ void __launch_bounds__(kListBlock)
     emit_intersections(const u32* order, const u32* firsts, u32 most_drawn, const u32* drawn, u32 most_pairs,
@@ -95,8 +95,8 @@ __global__ void __launch_bounds__(kListBlock)
 
 // Computes the slot of each intersection and the range of list entries of each tile, with one thread per
 // intersection and one additional thread. The slot is computed from the tile and the rectangle of the splat,
-// so that the sort moves 8 instead of 12 bytes per intersection. The thread at which the list of a tile
-// starts writes the range of this tile and those of the empty tiles before it. A bisection for each tile
+// so that the sort moves 8 instead of 12 bytes per intersection. The thread of the first entry in a tile's
+// list writes the range of this tile and the ranges of the empty tiles before it. A bisection for each tile
 // would take longer (docs/results/2026-11-27-h200-slots.md).
 // Sets *long_lists to 1 if a list has more than kLongList entries. emit_intersections has set it to 0 before.
 template <typename Key>

@@ -122,12 +122,11 @@ void* open_nvrtc(std::span<const std::string> names, int driver) {
         major, minor, driver / 1000, driver % 1000 / 10);
     dlclose(handle);
   }
-  fail(
-      ErrorKind::device,
-      "the kernels of this variant are compiled at run time, which requires libnvrtc.so of the CUDA toolkit, "
-      "not newer than the driver, in LD_LIBRARY_PATH (or 'pip install nvidia-cuda-nvrtc'){}; or use "
-      "--device opencl",
-      newer);
+  fail(ErrorKind::device,
+       "the kernels of this variant are compiled at run time, but no libnvrtc.so (CUDA toolkit) that the "
+       "driver supports was found{}: add its folder to LD_LIBRARY_PATH, run 'pip install nvidia-cuda-nvrtc', "
+       "or use --device opencl",
+       newer);
 }
 
 std::string compiler_version() {

@@ -33,7 +33,7 @@ struct CamerasOptions {
   bool dry_run = false, quiet = false;
 };
 
-constexpr std::size_t kAllPairs = 150;  // maximum number of images of which all pairs are matched by default
+constexpr std::size_t kAllPairs = 150;  // maximum number of images for matching all pairs by default
 constexpr std::size_t kFewest = 3;      // minimum number of images
 
 // The paths that this command uses. The images are in the given folder or in its subfolder `images`; ubs
@@ -219,7 +219,8 @@ void prepare_work(const CamerasOptions& options, const Places& places, const std
   const fs::path print = places.work / "pictures.txt";
   for (const fs::path& file : {places.database, places.list})
     if (!path_exists(print) && path_exists(file))
-      fail(ErrorKind::usage, "{}: this file was not created by ubs: move the folder {} elsewhere",
+      fail(ErrorKind::usage,
+           "{}: ubs did not create this file and does not overwrite it: move the folder {} elsewhere",
            file.string(), places.work.string());
   for (const fs::path& file : stale) remove_path(file);
   write_file_atomically(print, pictures_text(options, places));
@@ -228,7 +229,7 @@ void prepare_work(const CamerasOptions& options, const Places& places, const std
   write_file_atomically(places.list, names);
 }
 
-// Copies the model with the most cameras to its place in the data folder, as the last step.
+// Copies the COLMAP model with the most cameras to the data folder. This is the last step.
 ColmapModel keep_best(const Places& places) {
   ColmapModel best;
   fs::path from;

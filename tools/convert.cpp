@@ -175,7 +175,8 @@ void report(const ConvertOptions& options, const SplatFormat& format, const Json
         json["psnr_after"].get<double>() - json["psnr_before"].get<double>(), options.split);
   if (json.contains("loss")) {
     const Json& loss = json["loss"];
-    say("quality  PSNR {:.2f} dB against the model itself{}, {:.2f} dB on black (mean of {} cameras)\n",
+    say("quality  PSNR against the model: {:.2f} dB{} with its own background, {:.2f} dB with a black one "
+        "(mean of {} cameras)\n",
         loss["psnr"].get<double>(),
         loss.contains("psnr_without_fit")
             ? fmt::format(" ({:.2f} dB without the fit)", loss["psnr_without_fit"].get<double>())
@@ -549,8 +550,8 @@ Command add_convert(CLI::App& root) {
           ->check(CLI::IsMember({"mean", "weighted", "max"}))
           ->type_name("RULE");
   app->add_option("--data", options->data,
-                  "data folder to measure the quality on; its training cameras are also the view directions "
-                  "over which a shape or opacity that depends on them is averaged")
+                  "data folder: measure the quality on its images, and use its training cameras to average "
+                  "shapes and opacities that depend on the view direction")
       ->type_name("DIR");
   options->split_option =
       app->add_option("--split", options->split, "split to measure the quality on [test]")->type_name("NAME");
@@ -560,9 +561,9 @@ Command add_convert(CLI::App& root) {
       ->type_name("FORM");
   app->add_option(
          "--distill", options->distill,
-         fmt::format("time for fitting the exported Gaussians to renders of the model from the training "
-                     "cameras (of --data, otherwise of the run or the model), such as 60s or 5m; 0: no "
-                     "fit [{:.0f}s if the export changes the model, but no fit with --series]",
+         fmt::format("time for fitting the exported Gaussians to images that the model renders from the "
+                     "training cameras, such as 60s or 5m; 0: no fit [{:.0f}s; 0 with --series, or if the "
+                     "export does not change the model]",
                      kFitSeconds))
       ->type_name("TIME");
   options->degree_option = app->add_option("--degree", options->degree,

@@ -12,7 +12,7 @@
 namespace ubs::tools {
 namespace {
 
-constexpr double kLeastError = 1e-10;  // smaller mean squared errors count as this one, which is 100 dB
+constexpr double kLeastError = 1e-10;  // lower limit of mean squared errors, which corresponds to 100 dB
 
 void reduce_to(Camera& camera, int longest) {
   const int side = std::max(camera.width, camera.height);

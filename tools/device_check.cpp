@@ -63,7 +63,7 @@ class Checker {
         say(" {}{}\n", form,
             form == asked
                 ? ""
-                : fmt::format(" (the most similar variant with reference values; requested: {})", asked));
+                : fmt::format(" (checked in place of {}, which has no float64 results)", asked));
       const check::Findings findings = check::examine(*device, subject);
       const check::Finding* wrong = check::failure(findings);
       right = right && !wrong;

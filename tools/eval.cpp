@@ -122,11 +122,11 @@ int run(EvalOptions& options) {
   }
   for (const ViewMetrics& view : metrics.views) say("{:<24} {}\n", view.name, metrics_text(view));
   for (const ViewMetrics& image : metrics.wide_images)
-    say("{:<24} {} (wide image, in its own lens)\n", image.name, metrics_text(image));
+    say("{:<24} {} (whole wide image)\n", image.name, metrics_text(image));
   const std::string wide =
       metrics.wide_images.empty()
           ? ""
-          : fmt::format(" ({} wide images in place of their views)", metrics.wide_images.size());
+          : fmt::format(" (the mean uses {} wide images instead of their views)", metrics.wide_images.size());
   say("{} views of '{}'{}: {}; {}, {:.2f} s on {}\n", metrics.views.size(), options.split, wide,
       metrics_text(metrics.mean), to_string(model), seconds, describe(session.device().info()));
   if (rate.views > 0)

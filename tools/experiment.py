@@ -96,7 +96,7 @@ def ask(ubs, *arguments):
 
 def call(command, log):
     """Runs a command with its output in the file `log`. The command runs in another session, so it does not get Ctrl-C.
-    It gets SIGTERM instead, and a training then saves its state. After SIGINT, a run with a time budget would first
+    It gets SIGTERM instead, and `ubs train` then saves its state. After SIGINT, a run with a time budget would first
     complete its schedule."""
     command = list(map(str, command))
     with open(log, "w", **UTF8) as file:
@@ -156,7 +156,7 @@ def checked(value, schema, where):
         return value
     if isinstance(schema, str):
         need(isinstance(value, str) and re.fullmatch(schema, value), where,
-             f"{value!r} is not allowed: expected {'a text' if schema is TEXT else schema}")
+             f"{value!r} is not allowed: expected {'text' if schema is TEXT else schema}")
         return value
     if isinstance(schema, list):
         need(value and isinstance(value, list), where, "must be a list with at least one entry")
@@ -293,7 +293,7 @@ def plan_settings(run, spec, options):
 
 
 def load(run):
-    """Reuses the results of a finished training with the same settings and data."""
+    """Reuses the results of a finished training run with the same settings and data."""
     metrics, evaluation, job = (read_json(run.folder / name) for name in ("metrics.json", "eval.json", "job.json"))
     if (job.get("identity") != run.identity or (run.folder / "checkpoint.ubs").exists()
             or metrics.get("interrupted", True) or metrics.get("ended_early")):
@@ -326,7 +326,7 @@ def train(run, options):
     try:
         call([options.ubs, "train", "--data", run.data, *arguments], folder / "train.log")
     except Failure as error:
-        if error.code == USAGE and not same:  # it did not start: another training may be writing to the folder
+        if error.code == USAGE and not same:  # it did not start: another run may be writing to the folder
             job.unlink()
         raise
     load(run)
@@ -561,8 +561,8 @@ def parse(arguments):
     add = parser.add_mutually_exclusive_group().add_argument
     add("--resume", action="store_true", help="keep finished runs with these settings, continue the interrupted one")
     add("--dry-run", action="store_true", help="only print the runs and the hours that `ubs plan` expects of each")
-    add("--emit-tasks", action="store_true", help="only print a JSON line with a command for each run that is not "
-        "finished, for job arrays")
+    add("--emit-tasks", action="store_true", help="train nothing, but print the command of each run that is not "
+        "finished, for job arrays (one JSON object per line)")
     add("--task", metavar="ID", default=[], action="append",
         help="only execute this run of --emit-tasks, as with --resume; write no tables")
     options = parser.parse_args(arguments)

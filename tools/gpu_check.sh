@@ -3,11 +3,10 @@
 # Checks and measures ubs on a machine with a GPU, in two phases.
 # The first phase takes less than two minutes on 16 cores and checks that the GPU computes correctly. It lists the
 # devices, runs `ubs devices --check`, the tests with DEVICE and with OpenCL on the same GPU, and memory checks. It
-# also runs a short training twice to compare the results bit by bit, and once with OpenCL to compare the quality.
-# The tests run in parallel; their complete logs are in OUT/right.tar.gz.
-# The second phase measures: tuning, a short and a long training, frames per second, times by stage, CUDA
-# compared with OpenCL. All later steps use the result of `ubs-lab tune` (docs/tuning.md), except where a step
-# says "untuned".
+# also trains twice for a short time to compare the results bit by bit, and once with OpenCL to compare the quality. The
+# tests run in parallel; their complete logs are in OUT/right.tar.gz.
+# The second phase measures: tuning, a short and a long training run, frames per second, times by stage, CUDA compared
+# with OpenCL. All later steps use the result of `ubs-lab tune` (docs/tuning.md), except where a step says "untuned".
 #   gpu_check.sh OUT DATA.ubsd [DEVICE, default cuda]
 # GPU_CHECK_PHASE=right or fast runs one phase; both together take nine minutes.
 # DATA: lego with a black background (ubs pack). The folder test_garden (docs/benchmarks.md) is looked for in
@@ -52,8 +51,8 @@ verdict() {
     *) printf '%-28s FAILED %3d %3d s  %s\n' "$1" "$2" "$3" "$5" ;;
   esac >>"$summary"
 }
-# step NAME MOST_SECONDS COMMAND...: runs a command. Its last line, or the test quality of a training, goes to
-# the summary, and its output (at most 400 kB) to the logs.
+# step NAME MOST_SECONDS COMMAND...: runs a command. Its last line, or the test quality of a training run, goes to the
+# summary, and its output (at most 400 kB) to the logs.
 step() {
   local name=$1 most=$(($2 * scale)) start=$SECONDS code
   shift 2
@@ -66,7 +65,7 @@ step() {
   code=$?
   { echo "=== $name (exit code $code, $((SECONDS - start)) s): $*"; head -c 400000 "$work/log"; echo; } >>"$logs"
   local last
-  last=$(grep '^test  ' "$work/log" | tail -1)  # if it was a training
+  last=$(grep '^test  ' "$work/log" | tail -1)  # if it was a training run
   [ -n "$last" ] || last=$(grep -v '^$' "$work/log" | tail -1)
   verdict "$name" $code $((SECONDS - start)) "$most" "$last"
   tail -1 "$summary"
@@ -162,9 +161,9 @@ if [ "$phase" != fast ]; then
   cat "$summary"
 fi
 
-# A short training runs twice, to check that it learns and is reproducible bit by bit. It also runs once with
-# OpenCL, which must reach a similar quality. The two back ends round differently, so their results are not
-# identical, but the test PSNRs must differ by less than 0.3 dB. On an H200 they were 20.06 and 20.10 dB
+# A short training run is repeated, to check that it learns and is reproducible bit by bit. It also runs once with
+# OpenCL, which must reach a similar quality. The two back ends round differently, so their results are not identical,
+# but the test PSNRs must differ by less than 0.3 dB. On an H200 they were 20.06 and 20.10 dB
 # (docs/results/2026-11-26-h200.md).
 reserve=$((reserve * 4 / 5))
 small=(--data "$data" --cap-max 50000 --init-points 20000 --save-renders 0 --overwrite)
@@ -245,7 +244,7 @@ compare=("$lab" compare --devices "$devices" --model "$model" --data "$data")
 step compare 45 "${compare[@]}" --repeat "${GPU_CHECK_REPEAT:-100}" --out "$work/compare"
 cp "$work/compare/"compare.* "$out" 2>/dev/null
 reserve=0
-step "compare trainings" 45 "${compare[@]}" --repeat 3 --train-iterations "$briefly" --cap-max 50000 \
+step "compare training runs" 45 "${compare[@]}" --repeat 3 --train-iterations "$briefly" --cap-max 50000 \
   --init-points 20000 --out "$work/trained"
 for file in "$work/trained/"compare.*; do
   [ -e "$file" ] && cp "$file" "$out/compare_training.${file##*.}"

@@ -189,11 +189,11 @@ def compare(data, out, run):
     refined = training_poses(run, given)
     given = {name: pose for name, pose in given.items() if name in refined}
     count, turn, centre = error(given, truth)
-    print(f"{count} training cameras: the errors before training are {turn:.4f} degrees and {centre:.5f}")
+    print(f"{count} training cameras: before training, rotation error {turn:.4f} degrees, position error {centre:.5f}")
     _, turn2, centre2 = error(refined, truth)
     print(
-        f"the errors after refinement are {turn2:.4f} degrees ({turn2 / turn:.0%} of those before) and "
-        f"{centre2:.5f} ({centre2 / centre:.0%})"
+        f"after refinement, rotation error {turn2:.4f} degrees ({turn2 / turn:.0%} of the error before), "
+        f"position error {centre2:.5f} ({centre2 / centre:.0%})"
     )
 
 

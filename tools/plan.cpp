@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// ubs plan: predicts the kernels, the memory, the number of intersections and the time that a training on a
-// data set, or the rendering of a model, needs.
+// ubs plan: predicts the kernels, the memory, the number of intersections and the time that training on a
+// data set, or rendering a model, needs.
 #include <CLI/CLI.hpp>
 #include <map>
 #include <memory>
@@ -103,9 +103,9 @@ int plan_train(const PlanOptions& options) {
     return 0;
   }
   if (uses_defaults)
-    say("schedule   {} iterations, at most {} splats; without options, 'ubs train' ends after {} at the "
-        "latest, with fewer splats (--iterations {} for the published schedule)\n",
-        settings.iterations, settings.cap_max, duration_text(kDefaultSeconds), kScheduleLength);
+    say("schedule   {} iterations, at most {} splats (--iterations {} for the published schedule)\n"
+        "           'ubs train' shortens this schedule if it would take longer than {}\n",
+        settings.iterations, settings.cap_max, kScheduleLength, duration_text(kDefaultSeconds));
   say_plan(*device, plan);
   return 0;
 }
@@ -222,7 +222,7 @@ Command add_plan(CLI::App& root) {
       ->type_name("DIR|FILE");
   app->get_option("--dim")->description(kAutoDimHelp);
   CLI::Option* model = add_model_option(*app, "--model", options->model,
-                                        "predict the rendering of this model or run instead of a training");
+                                        "predict the rendering of this model or run instead of training");
   app->add_option("--split", options->split, "with --model: views of this split [test]")->type_name("NAME");
   app->add_flag("--depth", options->depth, "with --model: also render the depth channel");
   for (const char* drawing : {"--split", "--depth"}) app->get_option(drawing)->needs(model);
@@ -251,8 +251,8 @@ Command add_plan(CLI::App& root) {
       ->check(from_to(1.0, 1e12))
       ->type_name("COUNT,...");
   app->add_option("--costs", options->costs,
-                  "with --ranks: file with the step costs of another device, as printed there with --json, "
-                  "instead of measuring this device")
+                  "with --ranks: use the step costs of another device instead of measuring this one; FILE is "
+                  "the output of 'ubs plan --ranks ... --json' on that device")
       ->needs(ranks)
       ->type_name("FILE");
   app->add_flag("--json", options->json, "machine-readable output");

@@ -227,7 +227,7 @@ void check(const ReduceOptions& options) {
       fail(ErrorKind::usage, "--splats removes splats: --only dimensions cannot be combined with it");
   }
   check_output_files({options.out, options.effects}, {options.model, options.data}, options.overwrite);
-  check_extension(options.out, "a UBS model, which 'ubs convert' converts to other formats,", {".ply"});
+  check_extension(options.out, "a UBS model", {".ply"});
   check_extension(options.effects, "CSV", {".csv"});
 }
 

@@ -103,8 +103,8 @@ void print_table(const ReductionReport& r) {
         fmt::format("{:+.3f} dB", s.after.psnr_channel_mean - s.before.psnr_channel_mean));
     row(s.name + " SSIM", fmt::format("{:.4f}", s.before.ssim), fmt::format("{:.4f}", s.after.ssim));
   }
-  say("lossless  {} splats removed (not visible in any training view), {} reduced by dimensions without "
-      "effect\n",
+  say("lossless  {} splats removed (not visible in any training view), {} reduced to fewer dimensions (the "
+      "removed dimensions have no effect)\n",
       after.unseen, after.inert);
   if (r.bound > 0)
     say("lossy     {} splats removed, {} reduced to fewer dimensions (weight bound {:.3g})\n", after.dropped,

@@ -24,7 +24,7 @@ packages=(
   libjs-chart.js                                             # charts of ubs report
   libcpp-httplib-dev                                         # ubs view, ubs train --serve
   help2man                                                   # manual pages; optional
-  libopenmpi-dev openmpi-bin                                 # several processes for one training; optional
+  libopenmpi-dev openmpi-bin                                 # several processes for one training run; optional
   # pip install . in a new environment (docs/python.md)
   python3-venv
   python3-yaml                                               # tools/experiment.py
@@ -110,12 +110,12 @@ TEXT
 # If a tool cannot be fetched, this is not an error: the gates that need it are skipped with a message.
 fetch_gates() {
   [ "${UBS_GATES:-}" = off ] && return
-  # Package names with a version change between releases, and one unknown name makes apt install none of the
-  # packages.
+  # Some package names contain a version, which differs between releases. apt installs nothing if one of the names
+  # is unknown.
   local known
   mapfile -t known < <(apt-cache show "${gate_packages[@]}" 2>/dev/null | sed -n 's/^Package: //p' | sort -u)
   [ ${#known[@]} -eq ${#gate_packages[@]} ] ||
-    echo "apt provides only these of the packages ${gate_packages[*]}: ${known[*]} (for the others, run apt-get update, or use another release)"
+    echo "of the packages ${gate_packages[*]}, apt only knows ${known[*]}: for the others, run apt-get update, or use another release"
   (install_packages "${known[@]}") || echo "Tools of gates could not be installed."
   # These functions run in separate processes, because set -e has no effect in a function that is followed by `||`.
   bash tools/setup.sh fetch-drivers || echo "Mesa's rusticl and Intel's ocloc could not be fetched."

@@ -165,9 +165,10 @@ void measure_finally(Device& device, const LpipsRequest& request, Trainer& train
 std::string sizes_text(const std::vector<PyramidLevel>& levels) {
   std::string text;
   for (const PyramidLevel& level : levels)
-    text += level.factor > 1 ? fmt::format("1/{} of the width and height until {:.0f} % of the work, ",
-                                           level.factor, 100 * level.until)
-                             : "then full size";
+    text += level.factor > 1
+                ? fmt::format("1/{} of the width and height until {:.0f} % of the work is done, ",
+                              level.factor, 100 * level.until)
+                : "then full size";
   return levels.size() > 1 ? text : "";
 }
 
@@ -516,8 +517,8 @@ Command add_train(CLI::App& root) {
       ->group(kRareGroup);
   add_overwrite_option(*app, options->start.overwrite);
   app->add_flag("--print-settings", options->print_settings,
-                "do not train, but print all settings as a file for --spec, or as JSON with --json; settings "
-                "that are not given have their published values")
+                "print all settings instead of training, as a file for --spec, or with --json as JSON; "
+                "settings that you do not pass have their published values")
       ->group(kRareGroup);
   add_device_option(*app, options->device);
   app->add_option("--serve-share", options->serve_share,

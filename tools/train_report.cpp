@@ -51,7 +51,7 @@ std::string overfit_text(const Outcome& outcome) {
   if (!(above > kOverfit)) return {};
   return fmt::format(
       "training views have {:.2f} dB, {:.1f} dB more than the test views: more images between the existing "
-      "ones help most, and a longer training does not help (docs/training.md)",
+      "ones help most, and training longer does not help (docs/training.md)",
       train, above);
 }
 
@@ -86,7 +86,8 @@ void print_summary(const Start& start, const RunFolder& folder, Trainer& trainer
   const std::string run = shell_word(start.out);
   if (outcome.interrupted)
     say("next     ubs train --resume {}{}\n", run,
-        early ? fmt::format(" (continues after iteration {}, before the cool-down)", early->iteration)
+        early ? fmt::format(" (the run continues after iteration {}, as if it had not been interrupted)",
+                            early->iteration)
         : trainer.scene().ranks().size() == 1 ? " (--budget +1m completes the schedule within a minute)"
                                               : "");
   else

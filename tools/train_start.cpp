@@ -31,7 +31,7 @@ NewSettings resolve_new(const SettingsOptions& given, const std::string& budget)
   const bool asked = !budget.empty();
   // Throws for a budget that is invalid or too short, before anything is loaded.
   if (asked && time_budget_seconds(budget) < kLeastBudget)
-    fail(ErrorKind::usage, "--budget {}: a training takes at least {:g} s: increase the budget", budget,
+    fail(ErrorKind::usage, "--budget {}: training takes at least {:g} s: increase the budget", budget,
          kLeastBudget);
   const auto resolved = [&](TrainSettings base) {
     base.dim = kAutoInt;

@@ -140,7 +140,8 @@ def main(ubs, model, root):
     for name in ("panorama", "fisheye"):
         found = evaluate(ubs, model, root / name, "--background", "0,0,0")
         of_views = np.mean([view["psnr_joint"] for view in found["views"]])
-        print(f"{name}: own lens {found['mean']['psnr_joint']:.2f} dB, mean of views {of_views:.2f} dB", flush=True)
+        whole = found["mean"]["psnr_joint"]
+        print(f"{name}: mean PSNR {whole:.2f} dB of wide images, {of_views:.2f} dB of their views", flush=True)
     for name in ("panorama", "pinhole", "fisheye", "pinhole-masked"):
         judge = "test" if name in ("panorama", "pinhole") else "test-masked"
         values = []

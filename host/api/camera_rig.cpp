@@ -73,7 +73,7 @@ InitialSpace initial_space(std::span<const Camera> cameras, bool nothing_behind)
   const double spread = spread_of(cameras);
   // With one camera, or cameras that only rotate, the images do not depend on the size of the scene.
   if (at_one_place(cameras))
-    return between(1, 10, "all cameras have the same position, so any depth will do");
+    return between(1, 10, "all cameras have the same position, so the scale of the scene is arbitrary");
   const std::optional<Vec3> meeting = meeting_point(cameras, kJustConverging);
   const auto depth_of = [](const Vec3& point, const Camera& c) {
     return dot(point - c.centre(), camera_axis(c, 2));
@@ -102,9 +102,9 @@ InitialSpace initial_space(std::span<const Camera> cameras, bool nothing_behind)
       .centre = *meeting,
       .half = half,
       .depth = depth,
-      .text = fmt::format("in the space that the cameras see in common, within {:.3g} of ({:.3g}, {:.3g}, "
-                          "{:.3g}) along each axis",
-                          half, shown(0), shown(1), shown(2))};
+      .text = fmt::format("in the cube that all cameras see, with the centre ({:.3g}, {:.3g}, {:.3g}) and "
+                          "sides of {:.3g}",
+                          shown(0), shown(1), shown(2), 2 * half)};
 }
 
 }  // namespace ubs

@@ -18,7 +18,7 @@
 namespace ubs {
 namespace {
 
-// Number of images for measuring the quality, and minimum number of images for the training.
+// Number of images for measuring the quality, and minimum number of images for training.
 constexpr std::size_t kTestRenders = 4, kLeastRenders = 12;
 constexpr double kShareOfRenders = 0.25;             // share of the time for rendering the training images
 constexpr double kGoldenShare = 0.618;               // golden ratio - 1
@@ -37,7 +37,7 @@ ImportedSplats with_degree(const ImportedSplats& splats, int degree) {
   return out;
 }
 
-// Returns the length that is 1 during the training: the median depth of the splats, or 1 if it is unknown.
+// Returns the length that is 1 during training: the median depth of the splats, or 1 if it is unknown.
 double unit_of(const Split& views, const SplatModel& model) {
   PointCloud centres;
   for (std::size_t i = 0; i < model.count; ++i)

@@ -22,19 +22,19 @@ namespace ubs {
 inline constexpr double kGaussianBlur = 0.3;  // eps2d with which other tools render Gaussians
 
 struct Distilled {
-  ImportedSplats splats;  // the closed form if the training was declined or did not improve it
-  int iterations = 0;     // number of iterations of the training, or 0 if it was declined
+  ImportedSplats splats;  // the closed form if training was declined or did not improve it
+  int iterations = 0;     // number of training iterations, or 0 if training was declined
   double seconds = 0;     // time that measuring, rendering and training took together
   // PSNR [dB] of the images of the closed form (`before`) and of the trained Gaussians (`after`), compared
   // with images of the model in front of its own background. It is the mean over a few of the cameras.
   double before = 0, after = 0;
 };
 
-// A DistillPlan describes the training that Distiller is about to start.
+// A DistillPlan describes the training run that Distiller is about to start.
 struct DistillPlan {
   std::size_t renders = 0;  // number of images of the model that the Gaussians are trained on
-  int iterations = 0;       // number of iterations of the training
-  double seconds = 0;       // expected time of the training
+  int iterations = 0;       // number of training iterations
+  double seconds = 0;       // expected training time
 };
 
 class Distiller {

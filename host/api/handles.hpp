@@ -21,7 +21,7 @@ namespace ubs::facade {
 
 // OpenDevice is an open device with its index in list_devices(). Objects that are created from a device share
 // its OpenDevice. Only one thread at a time may use the device, so each function locks `mutex` first. The
-// mutex is recursive, because the step callback of a training may call other functions of the library.
+// mutex is recursive, because the step callback of a trainer may call other functions of the library.
 struct OpenDevice {
   std::size_t index = 0;
   std::shared_ptr<Device> device;

@@ -89,7 +89,10 @@ ubs_status ubs_meter_compare(ubs_meter* meter, int32_t width, int32_t height, co
     taken(metrics, "metrics");
     if (std::min(width, height) < 1 || std::max(width, height) > kMaxPixelsAcross ||
         std::int64_t{width} * height > kMaxPixels)
-      fail(ErrorKind::usage, "the image size {}x{} is not possible", width, height);
+      fail(ErrorKind::usage,
+           "the image size {}x{} is not possible: width and height must be 1 to {}, and an image can have at "
+           "most {} pixels",
+           width, height, kMaxPixelsAcross, kMaxPixels);
     const std::size_t values = 3 * static_cast<std::size_t>(width) * static_cast<std::size_t>(height);
     const std::span<const float> a(&given(truth, "truth"), values), b(&given(image, "image"), values);
     const std::lock_guard lock(m.open->mutex);

@@ -99,8 +99,8 @@ void check_query(const Split& split, int dim) {
   for (const View& view : split.views)
     if (view.camera.extra.size() < needed)
       fail(ErrorKind::data,
-           "view '{}' of split '{}' has {} further query values, but N = {} needs {} (field 'query' of a "
-           "frame)",
+           "view '{}' of split '{}' has {} further query values besides direction and time (field 'query' of "
+           "the frame), but a model with N = {} requires {}",
            view.name, split.name, view.camera.extra.size(), dim, needed);
 }
 

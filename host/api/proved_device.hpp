@@ -13,7 +13,7 @@
 
 namespace ubs {
 
-// Returns the kernels that a training with these settings needs.
+// Returns the kernels that training with these settings needs.
 check::Use training_use(const TrainSettings& settings);
 // Returns the kernels that rendering the groups of a model needs. If `backward` is set, the kernels for its
 // gradients are included.

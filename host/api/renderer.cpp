@@ -301,7 +301,8 @@ ubs_status ubs_renderer_get_gaussian_gradients(ubs_renderer* renderer, const ubs
     const std::lock_guard lock(r.open->mutex);
     need_gradient(r);
     if (found.count != r.gaussians.splats.count || found.bases != r.bases)
-      fail(ErrorKind::usage, "gradients: {} Gaussians with {} bases, but {} with {} were rendered",
+      fail(ErrorKind::usage,
+           "gradients: count = {} and bases = {}, but the rendered Gaussians have count = {} and bases = {}",
            found.count, found.bases, r.gaussians.splats.count, r.bases);
     upload(r, found, r.v_arrays);
     const BufferView<float> to = r.v_arrays.view();

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Replacement describes a splat that replaces a splat with more dimensions. The new splat no longer depends
-// on some of the query values: on the direction, on the time and the further values, or on all of them. Its
-// opacity and mean are the constants that fit best over the views in which the original splat is visible.
+// Replacement describes a splat that replaces a splat with more dimensions. The new splat lacks some of the
+// query dimensions: the direction, the time and the further values, or all of them. Its opacity and mean are
+// the constants that fit best over the views in which the original splat is visible.
 #pragma once
 
 #include <span>
@@ -20,8 +20,8 @@ std::vector<int> smaller_dims(int dim);
 // DimensionEffect describes the effect of the removed dimensions on a splat in the views in which it is
 // visible.
 struct DimensionEffect {
-  // Opacity of the original splat in a view, divided by that of the replacement: maximum minus minimum of
-  // this ratio over the views.
+  // Maximum minus minimum of an opacity ratio over the views. The ratio is the opacity of the original splat
+  // in a view, divided by the opacity of the replacement.
   double opacity = 0;
   double shift_px = 0;  // maximum distance between the conditional mean and the mean of the replacement [px]
   double change = 0;    // estimate of the maximum change of the blended weight of the splat in a pixel
@@ -46,7 +46,7 @@ struct SplatViews {
 
 // Returns one replacement for each number of dimensions in smaller_dims(). If the splat is not visible in any
 // view, only exact replacements are returned. Replacements that change a weight by more than `worst` have no
-// values, because computing the values takes long. The result is empty for variants that Slicer does not
+// values, because computing the values is slow. The result is empty for variants that Slicer does not
 // support, and for direct conditioning, because splats with direct conditioning have no covariance.
 std::vector<Replacement> replacements(const SplatModel& model, std::size_t splat, const SplatViews& views,
                                       double worst);

@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 // These functions write and read the folder `cameras` of a run that refined its cameras. The folder contains
-// a text model of COLMAP and a transforms.json. Both contain the cameras of the images as the training used
-// them (undistorted and reduced). They name the image files relative to the data folder. Undistorted images
-// and images in packed files or videos have no image file that fits their camera, and are named
-// SPLIT/VIEW.png. In transforms.json, the member "view" (SPLIT/VIEW) of each frame says which view it is;
-// earlier versions named all images SPLIT/VIEW.png instead. The cameras of the training views are
-// those that the run has refined; the cameras of the test views are those that fit the finished model best.
-// If a run was interrupted, the files contain only the training views.
+// a text model of COLMAP and a transforms.json. Both contain the cameras of the images as training used them
+// (undistorted and reduced). They name the image files relative to the data folder. Undistorted images and
+// images in packed files or videos have no image file that fits their camera, and are named SPLIT/VIEW.png.
+// In transforms.json, the member "view" (SPLIT/VIEW) of each frame says which view it is; earlier versions
+// named all images SPLIT/VIEW.png instead. The cameras of the training views are those that the run has
+// refined; the cameras of the test views are those that fit the finished model best. If a run was
+// interrupted, the files contain only the training views.
 #pragma once
 
 #include <array>

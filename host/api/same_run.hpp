@@ -11,7 +11,7 @@
 
 namespace ubs {
 
-// Returns a text with the properties of a device that results depend on: its name and driver, its vector
+// Returns a string with the properties of a device that results depend on: its name and driver, its vector
 // width, and its tuned kernel constants.
 std::string device_text(const DeviceInfo& info);
 
@@ -25,7 +25,7 @@ Checkpoint identity(const TrainSettings& settings, std::string data, std::uint32
 // data, or if they have different devices and `any_device` is false. If the builds differ, logs a warning.
 void check_same_run(const Checkpoint& before, const Checkpoint& now, bool any_device);
 
-// Compares the runs of all ranks before the training. Throws Error(usage) on all ranks if a rank has another
+// Compares the runs of all ranks before training. Throws Error(usage) on all ranks if a rank has another
 // build, other data or other settings. Stores the devices of all ranks in `run`, and returns the number of
 // different devices. Logs a warning if there are several.
 int join_run(Communicator& ranks, Checkpoint& run);

@@ -114,7 +114,10 @@ ubs_step step_of(const ubs_trainer& t, const StepReport& report) {
 // Throws Error(usage) if the trainer is running, because its step callback may read the trainer but must not
 // change it.
 void not_while_running(const ubs_trainer& t) {
-  if (t.running) fail(ErrorKind::usage, "the trainer is running: its step callback may only read it");
+  if (t.running)
+    fail(ErrorKind::usage,
+         "this function cannot be called while the trainer is running: a step callback may read the trainer, "
+         "but not change it");
 }
 
 void need_whole_state(const ubs_trainer& t, const char* action) {

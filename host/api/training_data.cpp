@@ -30,9 +30,9 @@ namespace {
 // depth.
 constexpr double kNoiseOfDepth = 1.6e7;
 
-// Ratio of the brightness of images above which the training logs a warning. In measurements, the ratio was
-// at most 1.03 for cameras with a fixed exposure, and 1.17 to 1.36 if the exposures differed by up to 0.8
-// stops from their mean (docs/results/2026-11-28-uneven-exposure.md).
+// Ratio of the brightness of images above which training logs a warning. In measurements, the ratio was at
+// most 1.03 for cameras with a fixed exposure, and 1.17 to 1.36 if the exposures differed by up to 0.8 stops
+// from their mean (docs/results/2026-11-28-uneven-exposure.md).
 constexpr double kUnevenBrightness = 1.1;
 
 // Returns at most `most` of the points, chosen at even intervals from the list, so that dense regions stay
@@ -180,7 +180,7 @@ bool still(const Split& train) {
                              [&](const View& v) { return v.camera.time == train.views[0].camera.time; });
 }
 
-// Aligns the cameras before they are refined in the training, using keypoints in the images.
+// Aligns the cameras before they are refined during training, using keypoints in the images.
 void align(Dataset& data, Split& train) {
   require_images(train);
   const Alignment found = align_cameras(train.views);
@@ -220,7 +220,7 @@ void choose_unit(Dataset& data, const Split& train, TrainSettings& settings) {
     settings.unit = free ? typical_depth(data, train) : 1;
     if (free) {
       data.report.notes.push_back(
-          fmt::format("the unit of training is a length of {:.4g} in the data (--unit)", settings.unit));
+          fmt::format("training divides all lengths of the data by {:.4g} (--unit)", settings.unit));
       if (settings.noise_lr == kAuto && !has_time(settings.dim)) settings.noise_lr = kNoiseOfDepth;
     }
   } else if (settings.unit != 1 && !free) {
@@ -332,7 +332,9 @@ void settle_training(const Split& train, Dataset& data, TrainSettings& settings,
   settings.conditioning_auto = false;
   if (has_wide_images(train) && !settings.chosen.contains("opacity_reg")) {
     settings.opacity_reg = kWideOpacityReg;
-    data.report.notes.push_back("views of wide images: no opacity penalty (--set opacity_reg=NUMBER)");
+    data.report.notes.push_back(
+        "training without opacity penalty, because wide images were split into several views (to use a "
+        "penalty: --set opacity_reg=NUMBER)");
   }
   check_query(train, settings.dim);
   if (has_time(settings.dim) && still(train))

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// These functions prepare the input of a training. They check the training and test splits against the
+// These functions prepare the input of a training run. They check the training and test splits against the
 // settings, choose the automatic settings, and make the initial model.
 #pragma once
 
@@ -20,7 +20,7 @@ namespace ubs {
 // the query values that N dimensions need. If the settings request refined cameras and the scene is static,
 // first corrects the camera poses (align_cameras.hpp). Chooses the settings `dim`, `unit`, `background` and
 // `random_background` if they are automatic, and adds notes about the choices to the report of the data.
-// `begins` says whether the training starts with a new model. If so, the function adds points that it
+// `begins` says whether training starts with a new model. If so, the function adds points that it
 // triangulates from the images of a static scene. It also adds a note if cap_max reduces the number of
 // points, or, if there are no points, a note about the positions of the initial splats. If `begins` is false,
 // a model exists already, and no points are added.
@@ -31,13 +31,13 @@ void settle_training(const Split& train, Dataset& data, TrainSettings& settings,
 // Converts all lengths of the data and of the splits to the unit of training. The settings that are used with
 // the converted data must be converted too, with in_unit(settings).
 void divide_by_unit(Dataset& data, std::span<Split* const> splits, double unit);
-// Returns the number of splats that the training starts with if the data have no points. The limit cap_max is
-// not applied.
+// Returns the number of splats that training starts with if the data have no points. The limit cap_max is not
+// applied.
 int random_points(const Split& train, const TrainSettings& settings);
 // Determines properties of the training images that settings depend on. Decodes some of the images.
 PictureFacts picture_facts(const Split& train, const TrainSettings& settings);
-// Returns the approximate number of splats that the training starts with. If the splats are placed at random,
-// the actual number may be smaller, because splats that are too close to a camera are removed.
+// Returns the approximate number of splats that training starts with. If the splats are placed at random, the
+// actual number may be smaller, because splats that are too close to a camera are removed.
 std::size_t first_splats(const Dataset& data, const Split& train, const TrainSettings& settings);
 // Moves the test split out of `data` and returns it. If the data have no test split, logs a warning and
 // returns a split without views. Removes views without an image, because their quality cannot be measured.

@@ -14,7 +14,7 @@ struct Background {
   // Coefficients of the spherical harmonics of degree 1 and 2 of a sky: 8 functions with 3 channels each.
   // Empty if the background is a single colour.
   std::vector<double> harmonics;
-  Learnt learnt = Learnt::no;  // whether the training optimises the colour or the sky, starting from `colour`
+  Learnt learnt = Learnt::no;  // whether training optimises the colour or the sky, starting from `colour`
   bool automatic = false;      // true as long as `colour` has yet to be chosen from the data
   bool operator==(const Background&) const = default;
 };

@@ -42,8 +42,9 @@ class ByteReader {
   std::size_t read_count(std::size_t smallest, const char* what) {
     const T count = read<T>();
     if (count > remaining() / smallest)
-      fail(ErrorKind::data, "{}: {} {} announced at byte {}, but only {} bytes follow", name_, count, what,
-           at_ - sizeof(T), remaining());
+      fail(ErrorKind::data,
+           "{}: the number of {} at byte {} is {}, but the remaining {} bytes are too few for them", name_,
+           what, at_ - sizeof(T), count, remaining());
     return static_cast<std::size_t>(count);
   }
 

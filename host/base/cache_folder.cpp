@@ -25,7 +25,7 @@ namespace {
 namespace fs = std::filesystem;
 
 // Size of the file that is written to check whether a disk has enough space for compiled kernels. With PoCL
-// 3.1, the kernels of a training take 2.2 MiB.
+// 3.1, the kernels of a training run take 2.2 MiB.
 constexpr std::size_t kProbeBytes = std::size_t{4} << 20;
 
 std::string reason(int code) { return std::strerror(code); }

@@ -25,8 +25,9 @@ namespace {
 
 constexpr std::chrono::milliseconds kPollInterval{50};
 
-// Turns the new process into the program. This function runs between fork() and execv(), so it only calls
-// async-signal-safe functions. execv() resets signal handlers to their defaults.
+// Redirects the standard streams of the child process, and replaces the process by the program arguments[0].
+// This function runs between fork() and execv(), so it only calls async-signal-safe functions. execv() resets
+// signal handlers to their defaults.
 [[noreturn]] void become(char* const* arguments, int log, pid_t parent) {
   prctl(PR_SET_PDEATHSIG, SIGTERM);
   if (getppid() != parent) _exit(127);  // the parent has died before prctl()

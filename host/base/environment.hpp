@@ -16,7 +16,7 @@ inline std::string environment(const char* name) {
 // the executable passes such a function; the library never sets environment variables.
 using SetVariable = void (*)(const char* name, const char* value);
 
-// Returns whether an environment variable is set to a text that is neither empty nor "0".
+// Returns whether an environment variable is set to a string that is neither empty nor "0".
 inline bool environment_flag(const char* name) {
   const std::string value = environment(name);
   return !value.empty() && value != "0";

@@ -24,18 +24,18 @@ namespace fs = std::filesystem;
 
 constexpr std::uint64_t kMebibyte = std::uint64_t{1} << 20;
 // Memory and address space that an OpenCL driver still allocates after the devices have been listed, in
-// addition to large buffers. They were measured with PoCL 3.1 and LLVM 14 (x86-64, two cores). While kernels
-// for N = 7 are compiled, the driver allocates 206 MiB of private memory, and 25 MiB if the kernels come from
-// the cache. It also needs 87 MiB of address space.
+// addition to large buffers. They were measured with PoCL 3.1 and LLVM 14 (x86-64, two cores). If the driver
+// compiles the kernels for N = 7, it allocates 206 MiB of private memory. If it loads them from the cache, it
+// allocates 25 MiB. It also needs 87 MiB of address space.
 constexpr std::uint64_t kDriverBytes = 240 * kMebibyte, kDriverAddresses = 128 * kMebibyte;
 // Address space that an OpenCL driver needs for its libraries and threads. If 264 MiB of address space are
 // left, PoCL lists no device; if 314 MiB are left, it lists its devices.
 constexpr std::uint64_t kDriverLibraries = 320 * kMebibyte;
 
-// Returns the smallest limit of a control group and of the groups above it. There is no limit if the file is
-// missing, or if it contains the word "max" or, in version 1, the number 2^63 minus one page. In a container,
-// the names of the groups may be those outside of the container. In this case, the root of the hierarchy in
-// the container is the group of the container.
+// Returns the smallest limit of a control group and of the groups above it. A group has no limit if `file` is
+// missing, or contains the word "max". In version 1 of control groups, the number 2^63 minus one page also
+// means that there is no limit. In a container, the names of the groups may be those outside of the
+// container. In this case, the root of the hierarchy in the container is the group of the container.
 std::uint64_t least_limit(const fs::path& hierarchy, fs::path group, const char* file) {
   std::uint64_t least = kNoMemoryLimit;
   for (;; group = group.parent_path()) {

@@ -32,9 +32,9 @@ struct MemoryRoom {
 // Returns the limit of the process that leaves the least memory. This function is async-signal-safe.
 MemoryRoom process_memory() noexcept;
 
-// Returns the memory [bytes] that all limits leave for the buffers of an open device that uses the memory of
-// the machine. The memory that the process already uses, and the memory that the compiler of the device
-// needs, are subtracted.
+// Returns the memory [bytes] that the limits leave for the buffers of a device. The device must be open, and
+// use the memory of the machine. The memory that the process already uses, and the memory that the compiler
+// of the device needs, are subtracted.
 std::uint64_t memory_left();
 
 // Returns the memory [bytes] that this process can still allocate for data other than device buffers, so that
@@ -49,8 +49,8 @@ void require_memory(std::uint64_t bytes, const std::string& what);
 // OpenCL driver.
 void check_driver_fits();
 
-// Returns a text that lists all limits. It is meant for the end of a message, for example "; limits: 512 MiB
-// (control group), 900 MiB (address space, ulimit -v)". Returns an empty text if there are no limits.
+// Returns a string that lists all limits. It is meant for the end of a message, for example "; limits: 512
+// MiB (control group), 900 MiB (address space, ulimit -v)". Returns an empty string if there are no limits.
 std::string memory_limits_text();
 
 }  // namespace ubs

@@ -134,7 +134,7 @@ Finding check_step_gradient(const ParameterLayout& layout, const SplatView& spla
     found[p.packed] = static_cast<float>(after.moment1[p.at] / (1 - static_cast<double>(0.9f)));
     expected[p.packed] = e.truth.v_params[p.packed] + model_penalty(layout, p, e);
   });
-  Worst worst("gradient of a step in one pass");
+  Worst worst("parameter gradient in the combined training step");
   for (const NamedErrors& group : group_errors(layout, splats.count, found, expected))
     worst.add(group.quantity, group.errors.relative, kGradientBound);
   return worst.finding();
@@ -151,8 +151,8 @@ Findings check_learning(Device& device, StageRun& run, const FormVectors& e) {
   steps.learn(1, true);
   const Finding gradient = check_step_gradient(layout, splats, steps.state(), e);
 
-  // For the step in one pass, only the moments are replaced by those of the test cases. Its parameters must
-  // be those of the model, because the step projects the model again.
+  // For the combined step, only the moments are replaced by those of the test cases. Its parameters must be
+  // those of the model, because the step projects the model again.
   State moving = start;
   for_values(layout, splats, [&](const Place& p) {
     moving.moment1[p.at] = static_cast<float>(cases.moment1[p.adam()]);
@@ -161,7 +161,7 @@ Findings check_learning(Device& device, StageRun& run, const FormVectors& e) {
   steps.restore(moving);
   steps.learn_nothing(kAdamStep);
   const State at_rest = steps.state();
-  Worst once("Adam in one pass");
+  Worst once("Adam in the combined training step");
   for_values(layout, splats, [&](const Place& p) {
     add_step(once, at_rest, p.at, start.params[p.at] + cases.step_at_rest[p.adam()],
              cases.moment1_at_rest[p.adam()], cases.moment2_at_rest[p.adam()]);

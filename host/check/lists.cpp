@@ -59,12 +59,12 @@ Finding check(Device& device, Stages& stages, const ListedSplats& splats, const 
     std::memcpy(counted.data(), read->wait().data(), sizeof counted);
     totals = {counted[0], counted[1]};
   }
-  worst.add("difference of visible splats",
+  worst.add("error of the number of visible splats",
             static_cast<double>(std::max(totals.visible, expected.totals.visible) -
                                 std::min(totals.visible, expected.totals.visible)),
             0);
   worst.add(
-      "difference of intersections",
+      "error of the number of intersections",
       static_cast<double>(std::max(totals.intersections, pairs) - std::min(totals.intersections, pairs)), 0);
   // If the numbers are wrong, the lists are not built, because they might not fit into the buffers.
   if (!worst.finding().holds()) return worst.finding();

@@ -37,7 +37,7 @@ KernelConfig checked_config(KernelConfig config);
 
 Form form_of(const KernelConfig& config);
 
-// Returns a text that identifies a configuration, for example "N = 6, vectors". It also lists the settings
+// Returns a string that identifies a configuration, for example "N = 6, vectors". It also lists the settings
 // that do not have their default values.
 std::string form_text(const KernelConfig& config);
 

@@ -21,7 +21,7 @@ namespace fs = std::filesystem;
 constexpr std::size_t kBuilds = 8;  // maximum number of builds whose verdicts are stored
 constexpr Part kParts[] = {Part::drawing, Part::loss, Part::gradients, Part::learning, Part::networks};
 
-// Returns a text with the properties of the device that its results may depend on.
+// Returns a string with the properties of the device that its results may depend on.
 std::string device_text(const DeviceInfo& d) {
   std::string text;
   for (const std::string& part : {d.backend, d.platform, d.vendor, d.name, d.driver, d.version, d.pci})
@@ -31,7 +31,7 @@ std::string device_text(const DeviceInfo& d) {
 }
 
 // If UBS_KERNEL_DIR is set, kernel sources in this folder are used instead of the embedded ones. Then this
-// function returns a text with a hash of these sources. Otherwise it returns an empty text.
+// function returns a string with a hash of these sources. Otherwise it returns an empty string.
 std::string sources_text() {
   const char* folder = std::getenv("UBS_KERNEL_DIR");
   if (!folder || !*folder) return "";

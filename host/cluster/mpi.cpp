@@ -127,7 +127,7 @@ class MpiRanks final : public Communicator {
     std::vector<MPI_Request> sizes_, pieces_;
   };
 
-  // Calls part(offset, size) for each message that `bytes` bytes are divided into.
+  // Divides `bytes` bytes into messages, and calls part(offset, size) for each message.
   template <typename Part>
   void for_parts(std::size_t bytes, const Part& part) const {
     for (std::size_t at = 0; at < bytes; at += limits_.message)
@@ -136,7 +136,7 @@ class MpiRanks final : public Communicator {
 
   // Waits until all requests have completed. Other ranks and the threads of a device may use the same cores.
   // Therefore this function polls without a pause only for a short time, and then sleeps between polls. The
-  // sleeps become longer with the waiting time.
+  // longer it has waited, the longer it sleeps, up to 1 ms.
   void wait(std::vector<MPI_Request>& requests) const {
     constexpr double kBusy = 100e-6;
     const Stopwatch watch;

@@ -19,10 +19,10 @@ bool has_blender_split(const std::filesystem::path& folder, const std::string& s
 // split, the time range of the split itself is used.
 //
 // Focal length and principal point come from the frame, or from the top level of the file if the frame does
-// not have them. If fl_x or fl_y and also camera_angle_x or camera_angle_y are given in the same place, the
-// focal lengths are used and the angles are ignored. fy = fx if no field describes y. Without cx and cy the
-// principal point is the image centre. Quantities in pixels refer to w x h of the JSON and are rescaled if
-// the image has another size.
+// not have them. If the same place contains a focal length and an angle of view for the same axis (fl_x and
+// camera_angle_x, or fl_y and camera_angle_y), the angle is ignored. fy = fx if no field describes y. Without
+// cx and cy the principal point is the image centre. Quantities in pixels refer to the image size w x h in
+// the JSON file. They are rescaled if the image file has another size.
 //
 // A view whose image file does not exist is kept with an empty image if the JSON has w and h. In contrast,
 // load_blender() skips such views if options.load_images is set.

@@ -89,7 +89,7 @@ LoadedScene load_colmap(const fs::path& folder, const DatasetOptions& options) {
          "their folder with --images{}",
          folder.string(), names.size(), files.missing(base, names[0].name),
          path_exists(folder / "poses_bounds.npy")
-             ? ", or use the cameras of poses_bounds.npy, which do not need these names, with --layout llff"
+             ? ", or use the cameras in poses_bounds.npy with --layout llff"
              : "");
   const std::vector<fs::path> mask_files = files.find_masks(names);
 

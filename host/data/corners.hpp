@@ -38,8 +38,8 @@ struct Corners {
 
 // Finds the corners of an image and computes their SIFT descriptors. Images whose longer side exceeds 800
 // pixels are reduced before the search, so that this side has 800 pixels. Dense corners are at whole pixels;
-// their descriptors are not rotated and have a small fixed size. Distinct corners are at subpixel positions,
-// and each of them has a size and a direction, which its descriptor follows.
+// their descriptors are not rotated and have a small fixed size. Distinct corners are at subpixel positions.
+// Each of them has a size and a direction, and its descriptor is scaled and rotated accordingly.
 enum class CornerKind { dense, distinct };
 Corners find_corners(const View& view, CornerKind kind);
 
@@ -51,9 +51,9 @@ std::vector<std::pair<std::size_t, std::size_t>> neighbours(std::span<const Came
                                                             std::size_t most);
 
 // Returns, for each corner of `from`, the index of the corner of `to` with the most similar descriptor. Only
-// corners of `to` that are at most `band` pixels of its searched image away from the epipolar line are
-// considered. Returns -1 for a corner if there are none, or if the second most similar descriptor is nearly
-// as similar.
+// corners of `to` near the epipolar line are considered. Their distance from this line is at most `band`
+// pixels of the searched image of `to`. Returns -1 for a corner if there are none, or if the second most
+// similar descriptor is nearly as similar.
 std::vector<std::ptrdiff_t> best_along_lines(const Corners& from, const Corners& to, double band);
 
 // Transforms a point from world space to the space of the camera.

@@ -142,7 +142,7 @@ std::string with_marked_nan(const std::string& text) {
 }
 
 // Throws if `json` is or contains a marked string. The message contains `field`, the name of the outermost
-// member that contains the string. Callers pass an empty text; recursive calls pass the name.
+// member that contains the string. Callers pass an empty string; recursive calls pass the name.
 void refuse_marked(const Json& json, const std::string& field, const std::string& where) {
   if (json.is_string() && json.get_ref<const std::string&>().starts_with(kMarker))
     fail(ErrorKind::data, "{}: '{}' has the value {}, which is not a finite number", where, field,
@@ -384,8 +384,8 @@ void refuse_foreign_lens(const Node& node) {
   if (std::ranges::any_of(shutter, [](const Json& v) { return v.get<double>() != 0; }))
     fail(
         ErrorKind::data,
-        "{}: 'rolling_shutter' is not supported: correct the images, or set its numbers to 0 to use one pose "
-        "for the whole image",
+        "{}: 'rolling_shutter' is not supported: correct the images, or set all of its values to 0 to use one "
+        "pose for each image",
         node.where);
 }
 

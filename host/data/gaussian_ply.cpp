@@ -37,8 +37,8 @@ int lobes_of(std::size_t values, ImportedSplats& splats) {
   if (values == 0) return 0;
   if (values % 6 == 0 && values <= 18 && splats.sh_degree == 0) return static_cast<int>(values / 6);
   splats.report.note(
-      fmt::format("the spherical Beta lobes of the colours are dropped ({} values with harmonics of degree "
-                  "{}; only 1 to 3 lobes with 6 values each and harmonics of degree 0 are supported)",
+      fmt::format("the spherical Beta lobes of the colours are dropped: each splat has {} lobe values and "
+                  "spherical harmonics of degree {}, but only 6, 12 or 18 values with degree 0 are supported",
                   values, splats.sh_degree));
   return 0;
 }
@@ -174,8 +174,10 @@ ImportedSplats read_gaussian_ply(const fs::path& path) {
   splats.antialiased = antialias_comment(header.comments, splats.report);
   for (const char* channel : {"red", "green", "blue"})
     if (const PlyProperty* found = header.find(channel); rgb && found && found->type != PlyType::uint8)
-      fail(ErrorKind::data, "{}: property '{}' must have the type uchar, because there is no {}0", name,
-           channel, names.dc);
+      fail(ErrorKind::data,
+           "{}: property '{}' must have the type uchar: it is used as the colour, because the file has no "
+           "property '{}0'",
+           name, channel, names.dc);
   // 2DGS files have discs with two scales. If scale_1 or rot_3 is missing too, the file is not a 2DGS
   // file, and the error message names the first missing column.
   const bool flat = !dbs && !header.find("scale_2") && header.find("scale_1") && header.find("rot_3");

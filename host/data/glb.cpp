@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // Reads and writes binary glTF 2.0 with KHR_gaussian_splatting (kernel "ellipse"); see foreign_formats.hpp. A
-// file has a header, a chunk of JSON and a chunk of numbers. The format stores scales and opacities
-// themselves, and not their logarithms and logits. The order of quaternions is x y z w. Each coefficient of
-// the spherical harmonics is a VEC3 with the values of the three colour channels.
+// file has a header, a chunk of JSON and a chunk of numbers. Scales and opacities are stored directly, and
+// not as logarithms and logits. The order of quaternions is x y z w. Each coefficient of the spherical
+// harmonics is a VEC3 with the values of the three colour channels.
 #include <algorithm>
 #include <array>
 #include <bit>
@@ -218,8 +218,9 @@ void check_opacities(std::span<const float> opacities, const std::string& where)
   constexpr float kRounding = 1e-5f;
   if (std::ranges::any_of(opacities, [](float v) { return v < -kRounding || v > 1 + kRounding; }))
     fail(ErrorKind::data,
-         "{}: opacities from {} are outside of 0 to 1, the range of the extension (are these logits?)", where,
-         range_text(opacities));
+         "{}: opacities from {} are outside of 0 to 1, the range of the extension (the file may contain "
+         "logits)",
+         where, range_text(opacities));
 }
 
 // Adds a note that names the attributes that are not used. COLOR_0 is not named, because it is only meant for

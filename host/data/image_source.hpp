@@ -18,7 +18,7 @@ namespace ubs {
 struct FileImage {
   std::filesystem::path path, mask;  // mask may be empty
   std::array<double, 3> background{0, 0, 0};
-  // Undistortion of the image in the file. The size of its lens must be the size of that image.
+  // Undistortion of the image in the file. undistortion->lens must have the size of this image.
   std::optional<Undistortion> undistortion;
   // Size of the image that load() returns. If the image in the file, after undistortion, has another size, it
   // is resized with the bicubic filter of Pillow (resample.hpp).

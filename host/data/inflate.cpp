@@ -114,7 +114,10 @@ std::vector<std::byte> inflate_zstd(std::span<const std::byte> packed, std::size
   // table of contents of the file, the frame is refused before it is decompressed.
   const unsigned long long stated = ZSTD_getFrameContentSize(packed.data(), packed.size());
   if (stated == ZSTD_CONTENTSIZE_ERROR || (stated != ZSTD_CONTENTSIZE_UNKNOWN && stated != size))
-    fail(ErrorKind::data, "{}: a Zstandard stream is damaged, or its size differs from the table", name);
+    fail(ErrorKind::data,
+         "{}: a Zstandard stream is damaged, or its decompressed size differs from the size in the table of "
+         "contents",
+         name);
   std::vector<std::byte> plain(size);
   const std::size_t result = ZSTD_decompress(plain.data(), plain.size(), packed.data(), packed.size());
   if (ZSTD_isError(result) || result != size)

@@ -18,8 +18,8 @@ namespace {
 using Distort = PlanePoint (*)(const LensCoefficients& k, const PlanePoint& p);
 
 // Solves distort(k, p) = target for p by Newton's method with a numerical Jacobian. A step is halved until it
-// reduces the residual. A solution at which the determinant of the Jacobian is negative is rejected: there
-// the polynomial folds, and two values of p have the same target.
+// reduces the residual. A solution at which the determinant of the Jacobian is negative is rejected, because
+// distort() is not one-to-one there: two values of p have the same target.
 std::optional<PlanePoint> invert(Distort distort, const LensCoefficients& k, const PlanePoint& target) {
   double x = target[0], y = target[1];
   constexpr double kStep = 1e-6;

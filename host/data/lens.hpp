@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // lens_models() returns the table of the camera models of COLMAP and nerfstudio, with their numbers, names,
-// parameters and projections. The projections and their inverses are used to resample a distorted image to
-// the images of one or several ideal pinhole cameras (undistort.hpp), because the rasteriser supports only
-// pinhole cameras.
+// parameters and projections. undistort.hpp uses the projections and their inverses to convert a distorted
+// image to the images of one or several ideal pinhole cameras, because the rasteriser supports only pinhole
+// cameras.
 #pragma once
 
 #include <array>
@@ -27,8 +27,8 @@ struct LensFormula {
   std::optional<PlanePoint> (*project)(const LensCoefficients& k, const Ray& ray);
   // Returns the ray of a position, or nullopt if the lens maps no ray to it.
   std::optional<Ray> (*unproject)(const LensCoefficients& k, const PlanePoint& position);
-  // The lens is an ideal pinhole camera if this number of coefficients, counted from the first, are 0. The
-  // value -1 means that the lens is never an ideal pinhole camera.
+  // The lens is an ideal pinhole camera if the first `zero_for_pinhole` coefficients are 0. The value -1
+  // means that the lens is never an ideal pinhole camera.
   int zero_for_pinhole;
   bool all_directions = false;  // the image shows all directions, and its left and right borders meet
 };
@@ -74,8 +74,8 @@ void check_lens(const Lens& lens, const std::string& where);
 // Returns the position of `ray` in the image [px], or nullopt if the lens does not see this ray.
 std::optional<PlanePoint> project_ray(const Lens& lens, const Ray& ray);
 // Returns the ray through a position in the image [px]; its length is arbitrary. Returns nullopt if no ray
-// was found, because the position is outside of the image circle, or because the polynomial of the lens folds
-// there.
+// was found, because the position is outside of the image circle, or because the formula of the lens is not
+// one-to-one there.
 std::optional<Ray> pixel_ray(const Lens& lens, double column, double row);
 
 }  // namespace ubs

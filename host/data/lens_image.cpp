@@ -81,7 +81,8 @@ LensImage::LensImage(const WideLens& wide, const std::string& where)
       fine_(wide.lens.scaled_to(kSamples * wide.lens.width, kSamples * wide.lens.height)),
       max_angle_(wide.max_angle) {
   if (fine_.fx >= kMaxFocal)
-    fail(ErrorKind::usage, "{}: {}x{} pixels are too many for {:.3g} degrees: choose a smaller size", where,
+    fail(ErrorKind::usage,
+         "{}: {}x{} pixels are too many for an angle of view of {:.3g} degrees: choose a smaller size", where,
          wide.lens.width, wide.lens.height, 360 / std::numbers::pi * max_angle_);
   plans_ = plan_faces(fine_, where);
   std::uint64_t pixels = 0;
@@ -103,8 +104,10 @@ void LensImage::check_complete() const {
     for (int i = 0; i < kGrid; ++i)
       if (const auto ray = shown_ray((i + 0.5) * fine_.width / kGrid, (j + 0.5) * fine_.height / kGrid);
           ray && face_of_axis_[axis_of(*ray)] < 0)
-        fail(ErrorKind::usage, "{}: {}x{} pixels are too few for this lens: choose a larger size", where_,
-             fine_.width / kSamples, fine_.height / kSamples);
+        fail(ErrorKind::usage,
+             "{}: {}x{} pixels are too few, because parts of the image would be too small to render with "
+             "this lens: choose a larger size",
+             where_, fine_.width / kSamples, fine_.height / kSamples);
 }
 
 std::optional<Ray> LensImage::shown_ray(double column, double row) const {
@@ -144,8 +147,8 @@ std::vector<std::uint8_t> LensImage::shown() const {
 
 RenderedView LensImage::compose(std::span<const RenderedView> faces) const {
   if (faces.size() != plans_.size())
-    fail(ErrorKind::internal, "the number of images is {}, but the lens has {} faces", faces.size(),
-         plans_.size());
+    fail(ErrorKind::internal, "{} cube faces were rendered, but {} are needed to compose the image",
+         faces.size(), plans_.size());
   RenderedView out{fine_.width / kSamples, fine_.height / kSamples, {}, {}, {}};
   const std::size_t pixels = static_cast<std::size_t>(out.width) * static_cast<std::size_t>(out.height);
   const bool depth = !faces.front().depth.empty();

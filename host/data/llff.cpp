@@ -164,7 +164,7 @@ double time_of(std::size_t i, std::size_t count) {
 }
 
 // Returns advice for users whose images are in another folder than expected: the option that names the folder
-// with `count` images, or an empty text if there is no such folder.
+// with `count` images, or an empty string if there is no such folder.
 std::string images_option(const fs::path& folder, std::size_t count) {
   for (const fs::path& entry : folder_entries(folder))
     if (const std::string name = entry.filename().string();

@@ -164,8 +164,8 @@ void note_shared_images(const std::vector<Split>& splits, LoadReport& report) {
       if (!view.file.empty() && of_train.contains(view.file.string())) shared.insert(view.file);
     if (!shared.empty())
       report.note_difference(fmt::format(
-          "{} images of the split {} are also training images (such as {}): their quality says nothing about "
-          "other views",
+          "{} images of the split {} are also training images (such as {}): metrics of these images do not "
+          "measure the quality of new views",
           shared.size(), split.name, shared.begin()->filename().string()));
   }
 }
@@ -393,7 +393,7 @@ void name_folders_nearby(const fs::path& folder) {
   fs::path above = (folder / "..").lexically_normal();
   if (above.filename().empty()) above = above.parent_path();  // removes the slash at the end
   if (const Layout* layout = layout_of(above))
-    fail(ErrorKind::data, "{}: not a data set, but the folder that contains it is: pass {} ({})",
+    fail(ErrorKind::data, "{}: not a data set: pass the folder above it, {} ({})",
          folder.string(), shell_word(above.string()), layout->name);
   if (!models.empty()) {
     const fs::path& sub = models.front();
@@ -479,7 +479,7 @@ std::string detect_layout(const fs::path& path) {
   // A run that was killed has no model.ply.
   if (path_exists(path / "config.yaml") && (path_exists(path / "model.ply") || path_exists(path / "log.csv")))
     fail(ErrorKind::data,
-         "{}: this is the output folder of a training, not a data set: pass the folder of its data",
+         "{}: this is the output folder of a training run, not a data set: pass the folder of its data",
          path.string());
   name_transforms_files(path);
   name_folders_nearby(path);
@@ -529,7 +529,7 @@ Dataset open_undecoded(const fs::path& path, const DatasetOptions& options) {
   note_unusual_lenses(data.splits, data.report);
   if (options.read.test_every == 0 &&
       std::ranges::find(data.splits, "test", &Split::name) != data.splits.end())
-    data.report.note("--test-every 0 has no effect, because the data state their test views");
+    data.report.note("--test-every 0 has no effect, because the data determine the test views");
   if (options.read.layout == "auto") note_other_layouts(path, layout, data.report);
   const auto& results = data.report.undistorted;
   for (const auto& [pixels, text] : results)

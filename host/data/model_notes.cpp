@@ -57,7 +57,9 @@ void take_settings(const std::string& comment, ModelNotes& notes, const std::str
 Camera lens_of(const std::vector<double>& v, const std::string& where) {
   for (const double pixels : {v[0], v[1]})
     if (!(pixels >= 1 && pixels <= kMaxPixelsAcross && pixels == std::floor(pixels)))
-      fail(ErrorKind::data, "{}: an image side of {} pixels is not possible", where, pixels);
+      fail(ErrorKind::data,
+           "{}: an image side of {} pixels is not possible: it must be an integer from 1 to {}", where,
+           pixels, kMaxPixelsAcross);
   Camera camera;
   camera.width = static_cast<int>(v[0]);
   camera.height = static_cast<int>(v[1]);

@@ -246,8 +246,9 @@ std::string NamedFiles::missing(const fs::path& stated_base, const std::string& 
     if (const fs::path path = (base / name).concat(extension).lexically_normal(); is_dead_link(path))
       return fmt::format("'{}' is a symbolic link to a file that does not exist", path.string());
   const NameIndex& index = listing(top).index;
-  std::string text = fmt::format("'{}' does not exist (searched in {}, then by the end of its path below {})",
-                                 name, base.string(), top.string());
+  std::string text = fmt::format(
+      "'{}' does not exist (searched in {}, then below {} for a file whose path ends in the same way)", name,
+      base.string(), top.string());
   if (const std::size_t alike = index.count_alike(name); alike > 1)
     return text +
            fmt::format("; {} files have this name, and none of them matches better than the others", alike);

@@ -52,7 +52,7 @@ class NamedFiles {
   // extension.
   std::vector<std::filesystem::path> find_masks(const std::vector<StatedName>& images);
 
-  // Returns a text that says where a missing file was looked for, and the most similar name there.
+  // Returns a string that says where a missing file was looked for, and the most similar name there.
   std::string missing(const std::filesystem::path& base, const std::string& name);
 
   // Marks a file as used. Callers need this only for files that they did not find with this class.

@@ -36,8 +36,8 @@ std::array<double, 2> ideal_position(const Lens& lens, double u, double v,
 }
 
 // Returns left, right, top and bottom of a rectangle in the plane z = 1 that the distorted image covers
-// completely. Each side is at the innermost position that the lens shows at a sample of the same border of
-// the distorted image, but not outside of `limits`.
+// completely. Each side of the rectangle belongs to a border of the distorted image, which is sampled. The
+// side is at the innermost position that the lens shows at these samples, but not outside of `limits`.
 std::array<double, 4> inner_rectangle(const Lens& lens, const std::array<double, 4>& limits) {
   std::array<double, 4> r = limits;
   for (int i = 0; i <= kBorderSamples; ++i) {
@@ -66,8 +66,8 @@ Ray from_face(const RotationMatrix& face, const Ray& ray) { return rotated(trans
 double angle_to_axis(const Ray& ray) { return std::atan2(std::hypot(ray[0], ray[1]), ray[2]); }
 
 // Returns the largest angle to the optical axis that can be used. Up to this angle, the distance from the
-// principal point grows with the angle in all directions. For larger angles, the polynomial of the lens folds
-// back into the image.
+// principal point grows with the angle in all directions. For larger angles, the polynomial of the lens maps
+// some rays back into the image.
 double largest_angle(const Lens& lens) {
   if (lens.formula && lens.formula->all_directions) return std::numbers::pi;
   constexpr int kDirections = 16, kSteps = 720;

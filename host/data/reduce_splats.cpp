@@ -131,8 +131,8 @@ ImportedSplats reduce_splats(const SplatModel& model, const ReduceOptions& optio
     fail(ErrorKind::usage, "unknown reduction '{}': choose mean, weighted or max", options.opacity);
   if (model.dim > 3 && !Slicer::knows(model.variant))
     fail(ErrorKind::usage,
-         "models of the variant '{}' cannot be converted to Gaussians: only the published variant with any "
-         "kernel and colour is supported",
+         "models of the variant '{}' cannot be converted to Gaussians: only kernel, colour, antialias and "
+         "conditioning may differ from the default variant",
          to_string(model.variant));
   ImportedSplats out = model.dim == 3 ? with_gaussian_kernel(model) : averaged(model, options);
   for (std::size_t i = 0; i < out.count(); ++i)

@@ -229,8 +229,8 @@ constexpr OtherFile kOthers[] = {
     {[](const FileStart& s) { return is_ply(s) && !has_property(s, " scale_0") && has_property(s, " x"); },
      [](const FileStart& s) {
        return fmt::format(
-           "a point cloud of {} points, no splats: in a data folder, points are the initial splats of "
-           "a training",
+           "a point cloud of {} points, no splats: point clouds can only be used as initial points of a "
+           "training, in a data folder",
            rows_of(s, "vertex"));
      }},
     {[](const FileStart& s) {
@@ -238,7 +238,8 @@ constexpr OtherFile kOthers[] = {
               !has_property(s, " red");
      },
      [](const FileStart&) -> std::string {
-       return "splats without colours: property 'f_dc_0' of 3DGS, or 'red' with bytes, is missing";
+       return "splats without colours: property 'f_dc_0' (spherical harmonics) or 'red' (type uchar) is "
+              "required";
      }},
     {[](const FileStart& s) { return is_zip(s) && has_member(s, "data.pkl"); },
      [](const FileStart&) -> std::string {

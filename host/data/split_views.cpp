@@ -153,8 +153,8 @@ std::vector<Split> split_views(std::vector<View> views, int test_every, LoadRepo
   for (std::size_t i = 0; i < images.size(); ++i)
     if (held[i]) names.push_back(image_name(views[images[i][0]]));
   report.note(
-      fmt::format("fewer than {} images: the test images {} are those that the others surround best "
-                  "(--test-every {} instead chooses every {}th image by name)",
+      fmt::format("fewer than {} images: the test images {} were chosen because their cameras are between "
+                  "training cameras; --test-every {} chooses every {}th image by name instead",
                   kFewImages, fmt::join(names, ", "), kTestEvery, kTestEvery));
   return divided(std::move(views), images, held);
 }

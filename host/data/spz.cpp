@@ -202,11 +202,12 @@ ImportedSplats parse_v4(Bytes file, const std::string& name) {
   const std::size_t table = in.read<std::uint32_t>();
   const auto sizes = attribute_sizes(h);
   const std::size_t wanted = h.degree > 0 ? 6 : 5;
-  if (h.streams < wanted || table < kHeaderV4 || table > file.size() ||
-      (file.size() - table) / 16 < h.streams)
+  if (h.streams < wanted)
+    fail(ErrorKind::data, "{}: the file has {} streams, but the attributes need {}", name, h.streams, wanted);
+  if (table < kHeaderV4 || table > file.size() || (file.size() - table) / 16 < h.streams)
     fail(ErrorKind::data,
-         "{}: {} streams with a table at byte {} are not valid: the attributes need {} streams", name,
-         h.streams, table, wanted);
+         "{}: the table of {} streams cannot be at byte {}: it must be after the header and inside the file",
+         name, h.streams, table);
   ByteReader between(file.first(table), name);
   between.skip(kHeaderV4);
   Extensions extensions;

@@ -25,7 +25,8 @@ struct Undistortion {
   std::array<double, 9> rotation{1, 0, 0, 0, 1, 0, 0, 0, 1};
   // Face of the cube: front, right, back, left, up or down. Empty if this is the only view of the image.
   std::string face;
-  // [rad] Rays with a larger angle to the optical axis are not in the image. The default of 4 is no limit.
+  // [rad] Rays with a larger angle to the optical axis are not in the image. The default excludes no rays,
+  // because it is larger than pi.
   double max_angle = 4;
   bool whole = true;  // whether the image covers all pixels of the view
 };
@@ -33,10 +34,11 @@ struct Undistortion {
 // Returns the larger of the horizontal and the vertical angle of view of the image [degrees].
 double degrees_covered(const Lens& lens);
 
-// Returns a single view of the image. It is a rectangle of the ideal image that the distorted image covers
-// completely. Each of its sides is at the innermost point of the same border of the undistorted image, but at
-// most twice as far from the principal point as this border is in the distorted image. If the parameters of
-// the lens leave no usable rectangle, throws an error whose message starts with `where`.
+// Returns a single view of the image. The view is a rectangle of the ideal image, and the distorted image
+// covers this rectangle completely. Undistortion turns each border of the distorted image into a curve. The
+// corresponding side of the rectangle is at the innermost point of this curve, but at most twice as far from
+// the principal point as the border is in the distorted image. If the parameters of the lens leave no usable
+// rectangle, throws an error whose message starts with `where`.
 Undistortion plan_undistortion(const Lens& lens, const std::string& where);
 
 // Returns the faces of the cube that show a part of the image, each cropped to this part. The focal length of
@@ -50,8 +52,8 @@ std::vector<Undistortion> plan_faces(const Lens& lens, const std::string& where)
 // Otherwise the result is the single view of plan_undistortion().
 std::vector<Undistortion> plan_views(const Lens& lens, const std::string& where);
 
-// Returns the camera of a view. `pose` is the camera of the image, of which only the pose and the query
-// values are used.
+// Returns the camera of a view. `pose` is the camera of the image. Only its pose and its query values are
+// used.
 Camera camera_of(const Undistortion& plan, Camera pose);
 
 // Returns the part of the image, in percent, that no view shows. It is estimated on a grid of pixels.

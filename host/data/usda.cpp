@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // Writes OpenUSD files with the schema UsdVol ParticleField3DGaussianSplat of OpenUSD 26.03; see
-// foreign_formats.hpp. This file writes text files, which needs no library of OpenUSD. usdc.cpp converts text
-// files to binary files with programs of OpenUSD. One prim contains all splats. Scales and opacities are
-// stored themselves, and not as logarithms and logits. The order of quaternions is (w, x, y, z). Spherical
+// foreign_formats.hpp. The files are written in text form, which requires no library of OpenUSD. usdc.cpp
+// converts them to binary form with programs of OpenUSD. One prim contains all splats. Scales and opacities
+// are stored directly, and not as logarithms and logits. The order of quaternions is (w, x, y, z). Spherical
 // harmonics are stored splat after splat, with three channels for each coefficient. The splats are rotated by
 // 180 degrees about x, because y points up on a stage of USD.
 #include <algorithm>
@@ -26,8 +26,8 @@ constexpr int kTimeCodesPerSecond = 24;  // the default of USD
 
 constexpr std::size_t kFlushBytes = std::size_t{1} << 20;
 
-// UsdaText is text that is written to a file in blocks. Numbers are written with so many digits that a reader
-// gets the same float32 or float64.
+// UsdaText is text that is written to a file in blocks. Numbers are written with enough digits for a reader
+// to get exactly the same float32 or float64.
 class UsdaText {
  public:
   explicit UsdaText(AtomicFile& file) : file_(file) {}

@@ -88,8 +88,8 @@ class UsdaParser {
 
   void skip_value();
 
-  // Parses the metadata of a layer, prim or property. Calls found(key) for each entry, while the position of
-  // the parser is that of the entry's value.
+  // Parses the metadata of a layer, prim or property. Calls found(key) for each entry. At this time,
+  // the parser is at the value of the entry.
   template <typename Found>
   void metadata(const Found& found);
 

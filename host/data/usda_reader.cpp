@@ -151,9 +151,9 @@ class UsdSplatReader {
     if (count > 0) {
       if (!fits(prim, "scales", scales.size(), 3 * count, report)) scales.assign(3 * count, 1.0f);
       if (!fits(prim, "opacities", opacities.size(), count, report)) opacities.assign(count, 1.0f);
-      check_range("scales", "linear scales (are these logarithms?)", scales, 0,
+      check_range("scales", "linear scales (the file may contain logarithms)", scales, 0,
                   std::numeric_limits<float>::infinity());
-      check_range("opacities", "opacities from 0 to 1 (are these logits?)", opacities, 0, 1);
+      check_range("opacities", "opacities from 0 to 1 (the file may contain logits)", opacities, 0, 1);
     }
     const bool turns_fit = count > 0 && fits(prim, "orientations", turns.size(), 4 * count, report);
     const std::size_t stored = read_colours(prim, count, splats);

@@ -56,8 +56,8 @@ UsdConverter usd_converter(const std::string& what) {
   UsdConverter converter = find_usd_converter();
   if (converter.command.empty())
     fail(ErrorKind::usage,
-         "{} requires OpenUSD: install it with 'pip install usd-core' (its python3 must be in PATH), or put "
-         "usdcat in PATH; the text form, .usda, does not require OpenUSD",
+         "{} requires OpenUSD: run 'pip install usd-core' for the python3 in PATH, or add usdcat to PATH; "
+         "alternatively, use a .usda file, which does not require OpenUSD",
          what);
   return converter;
 }

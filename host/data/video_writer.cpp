@@ -40,7 +40,7 @@ class QuietOpencv {
   cv::utils::logging::LogLevel level_;
 };
 
-// Opens the file with the first codec that works. Returns the name of this codec, or an empty text if none
+// Opens the file with the first codec that works. Returns the name of this codec, or an empty string if none
 // works.
 std::string open_writer(cv::VideoWriter& writer, const fs::path& path, int width, int height, double fps) {
   const QuietOpencv quiet;
@@ -118,8 +118,8 @@ VideoWriter::VideoWriter(fs::path path, int width, int height, double fps)
   if (!codec_.empty()) return;
   const std::string possible = writable_videos();
   fail(ErrorKind::data,
-       "{}: cannot write a video here: the folder is not writable, or OpenCV has no encoder for {}; "
-       "available encoders: {}; images (--out) need no encoder",
+       "{}: cannot write this video: the folder is not writable, or OpenCV has no encoder for {}; available "
+       "encoders: {}; to write images instead, use --out",
        path_.string(), path_.extension().string(), possible.empty() ? "none" : possible);
 }
 

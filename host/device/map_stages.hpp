@@ -17,8 +17,8 @@
 
 namespace ubs {
 
-// SkyStages runs DrawSky, SkyGradient and SkyStep. `map` are the kernels of sky.cl, and `step` are those of
-// sky_step.cl, compiled with one lane.
+// SkyStages runs DrawSky, SkyGradient and SkyStep. `map` contains the kernels of sky.cl. `step` contains the
+// kernels of sky_step.cl, compiled with one lane.
 template <typename Kernels>
 class SkyStages {
  public:
@@ -57,7 +57,7 @@ class SkyStages {
 };
 
 // AppearanceStages runs AppearanceStep, and the part of ImageLoss that maps the colours of a rendered image
-// to those of its photograph. `map` are the kernels of appearance.cl, and `step` are those of
+// to those of its photograph. `map` contains the kernels of appearance.cl. `step` contains the kernels of
 // appearance_step.cl, compiled with one lane.
 template <typename Kernels>
 class AppearanceStages {

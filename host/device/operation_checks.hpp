@@ -24,7 +24,7 @@ inline void check_backward(const KernelConfig& config, const char* stage) {
 inline void check_project_backward(const KernelConfig& config, const ProjectBackward& work) {
   check_backward(config, "projection backward");
   if (config.gaussian_arrays && work.accumulate)
-    fail(ErrorKind::internal, "projection backward: gradients in arrays of the program are not accumulated");
+    fail(ErrorKind::internal, "projection backward: accumulate is not supported with gaussian_arrays");
 }
 
 // Checks RasterForward and RasterBackward. `slots` says whether the masks and slots are needed.
@@ -46,8 +46,8 @@ template <typename Work>
 void check_list_states(const Work& work) {
   const std::uint64_t needed = stage_sizes::list_state_floats(work.sorted_ids.size);
   if (work.states.size < needed)
-    fail(ErrorKind::internal, "raster: the list states have {} floats, but {} are needed", work.states.size,
-         needed);
+    fail(ErrorKind::internal, "raster: the buffer of the list states has {} floats, but {} are needed",
+         work.states.size, needed);
 }
 // Returns the number of work-groups that the backward rasteriser launches. There is one for each segment of a
 // list.
@@ -96,7 +96,7 @@ inline void check_adam(const AdamStep& step, std::size_t rows, std::size_t learn
          step.v_params.size, step.moment1.size, step.moment2.size, learnt, step.splats.stride);
   if (step.step == 0) fail(ErrorKind::internal, "Adam: the step is 0, but steps are counted from 1");
   if (step.sentinel.size > 0 && step.stamp == 0)
-    fail(ErrorKind::internal, "Adam: the stamp of a watched step must not be 0");
+    fail(ErrorKind::internal, "Adam: the stamp must not be 0 if a sentinel is passed");
 }
 
 // BiasCorrection contains the factors of the bias correction that Adam kernels multiply with (AdamConstants
@@ -143,7 +143,7 @@ inline void check_image_loss(const ImageLoss& loss) {
          loss.mask.size, loss.counted, values / 3);
   if (loss.image.size < 3 * shape.plane() || (loss.v_image.size > 0 && loss.v_image.size < 3 * shape.plane()))
     fail(ErrorKind::internal,
-         "image loss: the buffer of the image or of its gradient is smaller than its planes");
+         "image loss: the buffer of the image or of the image gradient is too small for three planes");
   if (loss.sums.size < loss.sums_offset + 8ull)
     fail(ErrorKind::internal, "image loss: 8 sums at index {} do not fit into {} values", loss.sums_offset,
          loss.sums.size);
@@ -178,19 +178,24 @@ inline void check_sky(const SkyGradient& a) {
 }
 
 inline void check_sky(const SkyStep& a) {
-  if (a.state.size < kSkyState || a.gradient.size < std::size_t{a.views} * kSkyNumbers || a.step == 0 ||
-      (a.sentinel.size > 0 && a.stamp == 0))
+  const std::size_t gradients = std::size_t{a.views} * kSkyNumbers;
+  if (a.state.size < kSkyState || a.gradient.size < gradients || a.step == 0)
     fail(ErrorKind::internal,
-         "sky: step {} is 0, or a state of {} numbers or gradients of {} numbers are too few for {} views",
-         a.step, a.state.size, a.gradient.size, a.views);
+         "sky: invalid step: number {} (at least 1), {} values of the state (at least {}), {} values of the "
+         "gradients (at least {})",
+         a.step, a.state.size, kSkyState, a.gradient.size, gradients);
+  if (a.sentinel.size > 0 && a.stamp == 0)
+    fail(ErrorKind::internal, "sky: the stamp must not be 0 if a sentinel is passed");
 }
 
 inline void check_appearance(const AppearanceStep& step) {
-  if (step.image >= step.images || step.state.size < std::size_t{step.images} * kAppearanceState ||
-      step.gradient.size < step.gradient_offset + std::size_t{kAppearanceNumbers})
+  const std::size_t state = std::size_t{step.images} * kAppearanceState;
+  const std::size_t gradient = step.gradient_offset + std::size_t{kAppearanceNumbers};
+  if (step.image >= step.images || step.state.size < state || step.gradient.size < gradient)
     fail(ErrorKind::internal,
-         "appearance of image {} of {}: a state of {} numbers or a gradient of {} numbers is too small",
-         step.image, step.images, step.state.size, step.gradient.size);
+         "appearance: invalid step: image {} (less than {}), {} values of the state (at least {}), {} values "
+         "of the gradients (at least {})",
+         step.image, step.images, step.state.size, state, step.gradient.size, gradient);
 }
 
 }  // namespace ubs

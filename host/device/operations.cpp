@@ -12,7 +12,9 @@ std::unique_ptr<Stages> make_stages(Device& device, const KernelConfig& config) 
   if (config.gaussian_arrays &&
       (config.dim != 3 || config.variant.has_spatial_beta() || config.variant.lobes() > 0 ||
        config.variant.rot_mode != RotMode::quaternion || config.frozen != 0))
-    fail(ErrorKind::internal, "arrays of the program must contain Gaussians with quaternions");
+    fail(ErrorKind::internal,
+         "gaussian_arrays requires dim = 3, kernel = gaussian, rot_mode = quaternion, no lobes and no frozen "
+         "groups");
   return device.make_stages(config);
 }
 

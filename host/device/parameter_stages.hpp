@@ -14,8 +14,8 @@
 
 namespace ubs {
 
-// map_stages.hpp explains the template parameters. `step` are the kernels of adam.cl, regularise.cl and
-// noise.cl, and `draws` are those of mcmc.cl, compiled with one lane.
+// map_stages.hpp explains the template parameters. `step` contains the kernels of adam.cl, regularise.cl and
+// noise.cl. `draws` contains the kernels of mcmc.cl, compiled with one lane.
 template <typename Kernels, typename Sums>
 class ParameterStages {
  public:

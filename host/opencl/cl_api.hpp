@@ -27,7 +27,7 @@ std::string error_name(cl_int code);
 // used in destructors.
 void check(cl_int code, const char* call);
 
-// Returns a text from clGetDeviceInfo(). If the call fails, throws the error of check().
+// Returns a string from clGetDeviceInfo(). If the call fails, throws the error of check().
 std::string device_text(cl_device_id device, cl_device_info what);
 // Returns whether `names`, a list of names that are separated by blanks, contains `name`.
 bool has_word(std::string_view names, std::string_view name);

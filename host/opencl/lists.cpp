@@ -22,7 +22,7 @@ constexpr std::size_t kSmallHistogram = std::size_t{1} << 17;
 constexpr std::uint32_t kColumnBlock = 512;  // columns of a histogram that a work-item scans
 
 // On CPUs, each pass of the depth sort orders the splats by one digit of their depth keys. Digits contains
-// the numbers of bits of these digits. The depths of a scene differ in about 24 bits, so two passes with 12
+// the number of bits of each digit. The depths of a scene differ in about 24 bits, so two passes with 12
 // bits each are sufficient. The measured times of building the lists are, in milliseconds:
 //
 //     bits of a pass      10     11     12     13
@@ -95,8 +95,9 @@ void Lists::run(const BuildLists& lists) {
   if (lists.totals.intersections > UINT32_MAX || lists.totals.visible > lists.count ||
       lists.shape.tiles() < 1)
     fail(ErrorKind::internal,
-         "tile lists: {} intersections, {} visible splats of {} splats and {} tiles are not supported",
-         lists.totals.intersections, lists.totals.visible, lists.count, lists.shape.tiles());
+         "tile lists: invalid sizes: {} intersections (at most {}), {} visible splats (at most {}), {} tiles "
+         "(at least 1)",
+         lists.totals.intersections, UINT32_MAX, lists.totals.visible, lists.count, lists.shape.tiles());
   const auto drawn = static_cast<std::uint32_t>(lists.totals.visible);
   const auto pairs = static_cast<std::uint32_t>(lists.totals.intersections);
   const Job job = lists.bounded ? Job{lists, {drawn, drawn_.view()}, {pairs, pairs_.view()}}

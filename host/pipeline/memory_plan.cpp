@@ -109,9 +109,11 @@ class Planner {
                        kWord * static_cast<double>(sizes::list_part_floats(q_.depth)) / (kListPart / 2));
     const double tile = shape_.tiles() <= sizes::kMaxNarrowTiles ? 2 : kWord;
     if (q_.sorts_by_copying)
-      per_intersection("tile sort: tiles three times, splats twice", tile * 3 + kWord * 2);
+      per_intersection("tile sort: 3 buffers of tile indices, 2 of splat indices", tile * 3 + kWord * 2);
     else if (q_.raster == RasterKind::gpu)
-      per_intersection("tile sort: tiles twice, splats, slots", tile * 2 + kWord * (q_.training ? 2 : 1));
+      per_intersection(q_.training ? "tile sort: 2 buffers of tile indices, 1 of splat indices, 1 of slots"
+                                   : "tile sort: 2 buffers of tile indices, 1 of splat indices",
+                       tile * 2 + kWord * (q_.training ? 2 : 1));
   }
 
   // Adds the buffers of the loss. The largest are the maps of the SSIM: three maps per channel, with a margin
@@ -143,7 +145,7 @@ class Planner {
     if (q_.raster == RasterKind::gpu) {
       const std::uint64_t elements = std::max<std::uint64_t>(q_.intersections, q_.splats);
       fixed("sort histograms", divide_up(elements, sizes::kGroupBlock) << sizes::kRadixBits);
-      per_splat("tile sort: first pairs", kWord);
+      per_splat("tile sort: first intersection of each splat", kWord);
       return;
     }
     const std::uint64_t most =
@@ -174,9 +176,9 @@ class Planner {
   MemoryPlan plan_;
 };
 
-// Returns the bytes that the host needs while the state of a training is saved: two copies of the parameters
-// and moments. This matters on CPUs, where host and device share their memory. Returns 0 if the plan is not
-// for training.
+// Returns the bytes that the host needs while the state of a training run is saved: two copies of the
+// parameters and moments. This matters on CPUs, where host and device share their memory. Returns 0 if the
+// plan is not for training.
 std::uint64_t saving_bytes(const MemoryPlan& plan) {
   std::uint64_t bytes = 0;
   bool training = false;

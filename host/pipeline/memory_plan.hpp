@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// plan_memory() computes the device memory of a training or of rendering before it starts. It adds up the
+// plan_memory() computes the device memory of a training run or of rendering before it starts. It adds up the
 // sizes of the buffers that the pipeline and the OpenCL stages allocate. The result contains the bytes per
 // splat, per pixel and per (tile, splat) intersection, and the total. tests/bench/bench_device_test.cpp
 // compares the result with the memory that is actually allocated.
@@ -62,11 +62,11 @@ struct MemoryPlan {
 
 MemoryPlan plan_memory(const MemoryQuestion& question);
 
-// Returns a text such as "predicted 61.2 MiB (744 B per splat, 68 B per pixel, 74 B per intersection)".
+// Returns a string such as "predicted 61.2 MiB (744 B per splat, 68 B per pixel, 74 B per intersection)".
 std::string summary(const MemoryPlan& plan);
 
-// Returns the reason, with numbers, why a training or rendering with this plan does not fit on the device:
-// its largest item, its gradient slots or its total exceeds a limit. Returns an empty text if it fits.
+// Returns the reason, with numbers, why training or rendering with this plan does not fit on the device: its
+// largest item, its gradient slots or its total exceeds a limit. Returns an empty string if it fits.
 std::string memory_shortage(const MemoryPlan& plan, const DeviceInfo& device);
 // Throws Error(memory) with the text of memory_shortage() unless the plan fits the device.
 void check_fits(const MemoryPlan& plan, const DeviceInfo& device);

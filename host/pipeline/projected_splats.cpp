@@ -14,7 +14,7 @@ std::uint32_t Renderer::project_only(const SplatView& splats, std::uint32_t came
   const RenderGroup group{&stages_, splats};
   choose(std::span(&group, 1), camera, settings, false);
   project(true);
-  reserve(device_, drawn.places, "places of drawn splats", count_ + std::size_t{1});
+  reserve(device_, drawn.places, "indices of drawn splats", count_ + std::size_t{1});
   const std::uint32_t count = stages_.place_drawn(
       {.count = count_, .tile_counts = tile_counts_.view(), .places = drawn.places.view()});
   reserve(device_, drawn.rows, "drawn splats", std::size_t{count} * kSplatStride);

@@ -121,7 +121,9 @@ void Renderer::set_cameras(const std::vector<Camera>& cameras) {
   std::vector<float> records;
   for (const Camera& camera : cameras) {
     if (camera.width < 1 || camera.height < 1)
-      fail(ErrorKind::data, "the image size {}x{} of a camera is not possible", camera.width, camera.height);
+      fail(ErrorKind::data,
+           "the image size {}x{} of a camera is not possible: width and height must be at least 1",
+           camera.width, camera.height);
     const ImageShape shape{camera.width, camera.height};
     if (std::max(shape.tiles_x(), shape.tiles_y()) > static_cast<int>(kMaxTilesAcross))
       fail(ErrorKind::usage,
@@ -177,10 +179,9 @@ void Renderer::reserve_lists(const ListTotals& totals, bool for_backward) {
   const std::uint64_t most = std::min(SlotStore::most(info, floats), info.memory_bytes / each);
   if (for_backward && n > most)
     fail(ErrorKind::memory,
-         "{} intersections of splats and tiles ({}x{} image) need {} MiB of gradient slots, but {} has room "
-         "for only {} MiB ({} MiB of memory, {} MiB in one buffer): use smaller images or splats",
-         n, shape_.width, shape_.height, n * each >> 20, info.name, most * each >> 20,
-         info.memory_bytes >> 20, info.max_allocation_bytes >> 20);
+         "{} intersections of splats and tiles ({}x{} image) need {} MiB of gradient slots, but {} can hold "
+         "at most {} MiB of them: use smaller images or splats",
+         n, shape_.width, shape_.height, n * each >> 20, info.name, most * each >> 20);
   reserve(device_, sorted_ids_, "sorted splats", n);
   if (stages_.config().backward) {
     reserve(device_, sorted_slots_, "sorted slots", n);

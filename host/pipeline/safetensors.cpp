@@ -84,7 +84,8 @@ class HeaderReader {
     const bool pair = json.is_array() && json.size() == 2;
     const auto begin = pair ? size_of(json[0]) : std::nullopt, end = pair ? size_of(json[1]) : std::nullopt;
     if (!begin || !end || *begin > *end || *end > values_.size())
-      refuse(name, "data_offsets {} are not a range of the {} bytes of values", json.dump(), values_.size());
+      refuse(name, "data_offsets {} must be [BEGIN, END] with 0 <= BEGIN <= END <= {}, the number of bytes",
+             json.dump(), values_.size());
     return {*begin, *end, name};
   }
 

@@ -30,10 +30,9 @@ void SlotStore::reserve(std::uint64_t slots) {
   const std::uint64_t possible = std::min(most(info, floats_), free), one = in_one_piece(info, floats_);
   if (slots > possible)
     fail(ErrorKind::memory,
-         "{} gradient slots need {} MiB, but {} has {} MiB, of which {} are in use, and allows at most {} "
-         "buffers of {} MiB: use fewer splats or smaller images",
-         slots, slots * bytes() >> 20, info.name, info.memory_bytes >> 20, others >> 20,
-         SlotViews::kMaxPieces, std::bit_floor(one) * bytes() >> 20);
+         "{} gradient slots need {} MiB, but only {} MiB are available on {}: use fewer splats or smaller "
+         "images",
+         slots, slots * bytes() >> 20, possible * bytes() >> 20, info.name);
   std::uint64_t room = std::max(slots, size_ + size_ / 2);
   if (slots <= one) room = std::min(room, one);
   make_grown(slots, room <= possible ? room : slots, [this](std::uint64_t made) { allocate(made); });

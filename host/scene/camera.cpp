@@ -12,14 +12,14 @@ namespace {
 // The largest deviation from a rotation in the published data sets is 1.4e-6. A scaled or sheared matrix is
 // an error that would silently distort the geometry.
 constexpr double kRotationTolerance = 1e-3;
-// If the elements of a rotation were rounded to three decimal places, its determinant deviates from 1 by at
+// If the elements of a rotation are rounded to three decimal places, the determinant deviates from 1 by at
 // most 5e-4 times 3 sqrt(3), which is 2.6e-3.
 constexpr double kRoundedTolerance = 5e-3;
 
 struct RotationFit {
   double determinant = 0;
   double worst = 0;  // largest deviation of the scalar products of two rows from those of a rotation
-  // The condition is true for numbers only, so that NaN is rejected.
+  // The comparisons are false for NaN, so NaN is rejected.
   bool within(double tolerance) const {
     return std::abs(determinant - 1.0) <= tolerance && worst <= tolerance;
   }
@@ -114,7 +114,10 @@ void check_camera(const Camera& camera, const std::string& where) {
   for (const double c : {camera.cx, camera.cy}) check("the principal point", c);
   if (std::min(camera.width, camera.height) < 1 || std::max(camera.width, camera.height) > kMaxPixelsAcross ||
       std::int64_t{camera.width} * camera.height > kMaxPixels)
-    fail(ErrorKind::data, "{}: the image size {}x{} is not possible", where, camera.width, camera.height);
+    fail(ErrorKind::data,
+         "{}: the image size {}x{} is not possible: width and height must be 1 to {}, and an image can have "
+         "at most {} pixels",
+         where, camera.width, camera.height, kMaxPixelsAcross, kMaxPixels);
   check("the time", camera.time);
   for (const double q : camera.extra) check("a query value", q);
 }

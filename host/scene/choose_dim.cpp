@@ -80,7 +80,7 @@ DimChoice choose_dim(std::span<const View> train) {
   // values therefore always includes the direction.
   if (!direction && values > 2) {
     direction = true;
-    why += "; the direction is included, because this many query values require it";
+    why += "; the direction is included, because two or more further query values require it";
   }
   return {3 + (direction ? 3 : 0) + static_cast<int>(values), why};
 }

@@ -60,7 +60,7 @@ struct Field {
   double min = -std::numeric_limits<double>::infinity();  // inclusive
   double max = std::numeric_limits<double>::infinity();
   bool automatic = false;         // kAuto is allowed; for a range: parts or all of it may be omitted
-  const char* choices = nullptr;  // words of a choice, or allowed values of a text, separated by |
+  const char* choices = nullptr;  // words of a choice, or allowed values of a string, separated by |
   unsigned uses = 0;              // FieldUse
 };
 

@@ -13,7 +13,7 @@ namespace {
 std::uint32_t bit_of(std::string_view group) {
   for (const GroupName& g : kParameterGroups)
     if (g.name == group) return 1u << g.number;
-  fail(ErrorKind::internal, "parameter group '{}' has no number", group);
+  fail(ErrorKind::internal, "parameter group '{}' is not in kParameterGroups", group);
 }
 
 std::vector<std::string> split_names(const std::string& names) {

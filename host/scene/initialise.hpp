@@ -26,8 +26,8 @@ struct InitOptions {
   // The initial standard deviation of a Gaussian is the distance of its neighbours divided by this ratio.
   // 3.08 is the ratio of support radius to standard deviation for the Gaussian that is closest to (1 - r)^4
   // (method.md 2.7). With a ratio of 1, as in 3DGS, the initial splats overlap so much that they hide each
-  // other. A training on lego_200 with a ratio of 1, with 30 000 random points and the learning rates of the
-  // Beta kernel, reached only 9.8 dB.
+  // other. A training run on lego_200 with a ratio of 1, with 30 000 random points and the learning rates of
+  // the Beta kernel, reached only 9.8 dB.
   double gaussian_ratio = 3.08;
 };
 

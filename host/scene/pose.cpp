@@ -35,8 +35,8 @@ Quaternion slerp(const Quaternion& a, const Quaternion& b, double s) {
   const double sign = cosine < 0 ? -1 : 1;  // q and -q are the same rotation
   cosine = std::min(1.0, std::abs(cosine));
   double from = 1 - s, to = s;
-  // Linear interpolation is used if the angle is very small, because it is then accurate enough and a
-  // division by sin(angle) is not.
+  // Linear interpolation is used if the angle is very small. It is then accurate enough, whereas a division
+  // by sin(angle) would be inaccurate.
   if (cosine < 1 - 1e-9) {
     const double angle = std::acos(cosine);
     from = std::sin((1 - s) * angle) / std::sin(angle);
@@ -46,8 +46,9 @@ Quaternion slerp(const Quaternion& a, const Quaternion& b, double s) {
   return unit({from * a.w + to * b.w, from * a.x + to * b.x, from * a.y + to * b.y, from * a.z + to * b.z});
 }
 
-// Each branch computes the quaternion times four times its largest component, whose square is computed from
-// the diagonal. unit() removes this factor. Choosing the largest component avoids cancellation.
+// Let c be the component of the quaternion q with the largest magnitude. Each branch computes the product 4 c
+// q, and unit() removes the factor 4 c. The component 4 c^2 of the product is computed from the diagonal of
+// the matrix. Choosing the largest component avoids cancellation.
 Quaternion quaternion(const std::array<double, 9>& m) {
   const double w = 1 + m[0] + m[4] + m[8], x = 1 + m[0] - m[4] - m[8], y = 1 - m[0] + m[4] - m[8],
                z = 1 - m[0] - m[4] + m[8];  // four times the squares of the components

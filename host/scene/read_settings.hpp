@@ -49,13 +49,14 @@ std::vector<Field<S>> read_fields() {
            &S::colmap_model}),
       used(kOfReading,
            {"principal_point",
-            "principal point of the cameras: as in the data (true), or the centre of the image, as published",
+            "principal point of the cameras: as in the data (true), or the centre of the image (centre), as "
+            "in the published code",
             &choice<S, &S::principal_point>, -1, 1, false, "true|centre"}),
       used(kOfReading | kSetFirst, {"test_every",
                                     "use every n-th view in the order of names as a test view (only COLMAP, "
-                                    "LLFF and nerfstudio data); 0: no test views; auto: every 8th view; if "
-                                    "there are fewer than 24 images, an eighth of the views, chosen so that "
-                                    "other cameras surround them (docs/data.md)",
+                                    "LLFF and nerfstudio data); 0: no test views; auto: every 8th view, or "
+                                    "with fewer than 24 images, views that are chosen by their camera poses "
+                                    "(docs/data.md)",
                                     &S::test_every, 0, 1'000'000, true}),
       used(kFreeOnResume, {"image_cache_mb",
                            "memory for decoded images [MB]; images that do not fit are decoded when needed",

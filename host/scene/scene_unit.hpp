@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // The functions of this file convert a scene to the unit of length in which it is trained, and back
 // (method.md 4.4). Data may have any unit: metres, or an arbitrary unit from structure from motion. But some
-// computations of the training depend on the unit: the softplus of scales, the noise of positions, and the
-// near plane. Therefore cameras and points are divided by a characteristic length of the scene before
-// training, and the model is multiplied by it afterwards.
+// computations of training depend on the unit: the softplus of scales, the noise of positions, and the near
+// plane. Therefore cameras and points are divided by a characteristic length of the scene before training,
+// and the model is multiplied by it afterwards.
 #pragma once
 
 #include <optional>
@@ -17,8 +17,8 @@
 namespace ubs {
 
 // Returns the typical depth at which cameras see points: the median, over the cameras, of the median depth of
-// the points in their images. Uses at most 256 cameras and 10 000 points, which are evenly spaced. Returns
-// nothing if none of these cameras sees at least ten of these points.
+// the points in their images. Uses at most 256 cameras and 10 000 points, chosen at regular intervals from
+// their lists. Returns nothing if none of these cameras sees at least ten of these points.
 std::optional<double> median_depth(std::span<const Camera> cameras, const PointCloud& points);
 
 // Returns whether all lengths of a model with this variant can be multiplied by a factor. With cov_param =
@@ -33,8 +33,8 @@ void scale_lengths(Camera& camera, double factor);
 void scale_lengths(PointCloud& points, double factor);
 void scale_lengths(Split& split, double factor);
 
-// Converts the lengths in the settings for a training whose cameras and points are divided by settings.unit.
-// If the unit is automatic, no length is changed.
+// Returns the settings with their lengths divided by settings.unit, for training with cameras and points that
+// are divided by this unit. If the unit is automatic, no length is changed.
 TrainSettings in_unit(TrainSettings settings);
 // Returns the same views with the positions of the cameras divided by `unit`. The returned views refer to the
 // images that `split` holds in memory and do not copy them, so `split` must outlive the returned views.

@@ -18,7 +18,7 @@ namespace ubs {
 
 using FieldValues = std::span<const FieldValue>;
 
-// Returns the value as a text that set_field() and the YAML reader accept. Numbers have the fewest digits
+// Returns the value as a string that set_field() and the YAML reader accept. Numbers have the fewest digits
 // that give the same number again. Automatic values are "auto", and colours are "r,g,b".
 std::string field_text(const FieldValue& field);
 // Returns "r,g,b", "learn", "sky", "auto", or the 27 coefficients of a learnt sky (method.md 4.11).
@@ -35,7 +35,7 @@ std::optional<double> parse_whole(std::string_view text);
 // "--set" or "run.yaml:3:1". If the key is unknown or the value is not allowed, throws Error(usage) with a
 // message that starts with `origin`.
 void set_field(FieldValues fields, std::string_view key, std::string_view text, std::string_view origin);
-// Sets a field from a text "key=value", and returns the key.
+// Sets a field from a string "key=value", and returns the key.
 std::string set_field(FieldValues fields, std::string_view assignment, std::string_view origin);
 
 // Reads a YAML file with a flat mapping of keys to values, sets these fields, and returns the keys. Lists of

@@ -47,9 +47,9 @@ constexpr auto used = &with_uses<S>;
 
 const Field<S> kTrainingFields[] = {
     used(kSetFirst, {"dim",
-                     "number of dimensions N of a splat: 3, 4 (with time), 6 (with view direction), 7 (with "
-                     "both), 8 to 11 (with further query values); auto: the dimensions that differ "
-                     "between the training views",
+                     "number of dimensions N of a splat: 3 (position), 4 (with time), 6 (with view "
+                     "direction), 7 (with both); each further query value of the data adds one, up to 11; "
+                     "auto: the dimensions that differ between the training views",
                      &S::dim, 3, 11, true}),
     used(kSetFirst,
          {"init_points",
@@ -57,8 +57,8 @@ const Field<S> kTrainingFields[] = {
           "images, or if that fails, one splat per three pixels of an image, at most 100000",
           &S::init_points, 1, kMaxSplats, true}),
     used(kSetFirst, {"find_points",
-                     "number of initial points to triangulate from the images of a static scene; 0: none; "
-                     "fewer points take less time, and --budget chooses fewer for short budgets",
+                     "number of initial points to triangulate from the images of a static scene; 0: none. "
+                     "Fewer points take less time, so the default is lower with a short --budget",
                      &S::find_points, 0, kMaxSplats}),
     used(kSetFirst,
          {"init_extent",
@@ -69,12 +69,12 @@ const Field<S> kTrainingFields[] = {
          {"cap_max", "maximum number of splats; if there are more initial points, some are omitted",
           &S::cap_max, 1, kMaxSplats}),
     {"unit",
-     "unit of length during training, measured in units of the data; auto: the median depth of the scene; "
-     "1: train in the unit of the data, as published",
+     "length in the data that is 1 during training; auto: the median depth of the scene; 1: train in the "
+     "unit of the data, as in the published code",
      &S::unit, kMinLength, kMaxLength, true},
     {"beta_dir_init",
-     "initial raw betas of the view direction; auto: -3 for N = 7, 0 for other N and for learnt weights of "
-     "direct conditioning",
+     "initial raw betas of the view direction; auto: 0, or -3 if N = 7 (but 0 for direct conditioning with "
+     "beta_opacity none or gaussian)",
      &S::beta_dir_init, -20, 20, true},
     {"beta_query_init", "initial raw betas of time and further query values", &S::beta_query_init, -20, 20},
     used(kSetFirst, {"seed", "seed of all random choices", &S::seed, 0}),
@@ -91,7 +91,9 @@ const Field<S> kTrainingFields[] = {
     {"beta_cond", "whether betas below 4 weaken the conditioning on the query (on) or not (off)",
      &form<&ModelVariant::beta_cond>, -1, 1, false, variant_values("beta_cond")},
     {"beta_opacity",
-     "factor of the opacity at a query: (1 - tanh)^beta, 1 (none), or exp(-0.35 y.y) (gaussian)",
+     "how the opacity decreases with the normalised difference y between the query and the mean of a splat: "
+     "by the factor (1 - tanh(y_i^2))^beta_i for each dimension i (tanh), not at all (none), or by the "
+     "factor exp(-0.35 |y|^2) (gaussian)",
      &form<&ModelVariant::beta_opacity>, -1, 1, false, variant_values("beta_opacity")},
     {"cov_mode", "how the conditional covariance is made symmetric: by its upper triangle, or by whitening",
      &form<&ModelVariant::cov_mode>, -1, 1, false, variant_values("cov_mode")},
@@ -111,9 +113,9 @@ const Field<S> kTrainingFields[] = {
     used(kSetFirst, {"iterations", "number of optimiser steps; the schedule scales with it", &S::iterations,
                      1, kMaxIterations}),
     {"work_shares",
-     "share of the work that is done after certain iterations; --budget records it. It is a list of "
-     "ITERATION:SHARE, such as 90:0.05,200:0.1; empty: the share is proportional to the iteration. "
-     "ITERATION:SHARE@EARLIER: the pace changed after the iteration EARLIER",
+     "share of the work that is done after some iterations: a list of ITERATION:SHARE, such as "
+     "90:0.05,200:0.1; empty: the share is proportional to the iteration. Runs with --budget record their "
+     "progress in this setting, so that they can be repeated (docs/budget.md)",
      &S::work_shares},
     {"batch", "number of views per optimiser step", &S::batch, 1, 1024},
     {"pyramid",
@@ -127,7 +129,8 @@ const Field<S> kTrainingFields[] = {
      &S::refine, 0, 30000},
     {"growth", "ratio of the numbers of splats after and before a refinement", &S::growth, 1, 10},
     {"growth_end",
-     "share of the work after which no splats are added; --budget records it if there is too little time",
+     "share of the work after which no splats are added. A run with --budget reduces and records it if its "
+     "time is too short for more splats",
      &S::growth_end, 0, 1},
     {"noise_lr",
      "factor of the random noise that is added to positions; auto: 1 for dynamic scenes; for static scenes "
@@ -214,7 +217,7 @@ const Field<S> kOutputFields[] = {
     {"log_every", "number of iterations between rows of log.csv", &S::log_every, 1, kMaxIterations},
     used(kFreeOnResume, {"checkpoint_every",
                          "interval between checkpoints, in iterations (500) or seconds (300s); 0: write one "
-                         "only when the training is interrupted",
+                         "only when training is interrupted",
                          &S::checkpoint_every}),
     used(kFreeOnResume,
          {"on_nan",
@@ -336,8 +339,8 @@ std::vector<SharePoint> share_points(const TrainSettings& s) {
         !(point.share <= 1) ||
         (left && (point.left_at <= last.iteration || point.left_at >= point.iteration)))
       fail(ErrorKind::usage,
-           "work_shares must be empty, or a list of increasing iterations and increasing shares of the work "
-           "that is done after them, such as 90:0.05,200:0.1; the first invalid entry follows '{}:{}'",
+           "work_shares must be empty or a list of ITERATION:SHARE in which both increase, such as "
+           "90:0.05,200:0.1, but the entry after '{}:{}' is invalid",
            last.iteration, last.share);
     points.push_back(point);
     last = reached(last, point);
@@ -345,8 +348,8 @@ std::vector<SharePoint> share_points(const TrainSettings& s) {
   if (points.empty()) return points;
   if (last.iteration > s.iterations || (last.share == 1) != (last.iteration == s.iterations))
     fail(ErrorKind::usage,
-         "work_shares depends on the number of iterations: a share of {} after iteration {} does not match a "
-         "run of {} iterations: pass both settings, or neither",
+         "work_shares ends with a share of {} after iteration {}, which does not match iterations = {}: use "
+         "work_shares and iterations of the same run, or do not set work_shares",
          last.share, last.iteration, s.iterations);
   return points;
 }
@@ -370,8 +373,8 @@ std::vector<PyramidStep> pyramid_steps(const TrainSettings& s) {
     if (!take_number(at, end, ':', step.factor) || !take_number(at, end, ',', step.share) ||
         step.factor < 2 || step.factor >= before.factor || !(step.share > before.share) || !(step.share < 1))
       fail(ErrorKind::usage,
-           "pyramid = '{}' must be empty, or a list of falling factors from {} to 2, each with the share "
-           "of the iterations at which it ends, such as 4:0.2,2:0.5",
+           "pyramid = '{}' must be empty or a list of FACTOR:SHARE, such as 4:0.2,2:0.5: factors must be "
+           "from {} to 2 and decrease, and shares must be below 1 and increase",
            s.pyramid, kMaxPyramidFactor);
     steps.push_back(step);
   }

@@ -121,7 +121,7 @@ struct TrainSettings : ReadSettings {
   // Saving and checking a run (docs/training.md)
 
   // Interval between checkpoints: a number of iterations, or a number of seconds of training followed by s.
-  // 0: write a checkpoint only when the training is interrupted.
+  // 0: write a checkpoint only when training is interrupted.
   std::string checkpoint_every = "300s";
   OnNan on_nan{};  // what to do when a value is not finite; off: values are not checked
 };
@@ -163,7 +163,7 @@ SharePoint reached(const SharePoint& from, const SharePoint& to);
 // shares do not increase, or if the last point does not match settings.iterations. Only after a share of 1, a
 // smaller share may follow: the finished run was then continued.
 std::vector<SharePoint> share_points(const TrainSettings& settings);
-// Returns the points as a text for work_shares.
+// Returns the points as a string for work_shares.
 std::string to_string(const std::vector<SharePoint>& points);
 
 struct PyramidStep {

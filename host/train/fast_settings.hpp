@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// fast_settings() returns the settings for trainings with fewer than the published 30 000 iterations, and
+// fast_settings() returns the settings for training runs with fewer than the published 30 000 iterations, and
 // fast_settings_for() adapts them to the number of iterations and to the data (docs/budget.md).
 #pragma once
 

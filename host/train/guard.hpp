@@ -65,7 +65,7 @@ class Guard {
   // rollback returns.
   bool wants_state() const { return on_nan_ == OnNan::rollback && !good_; }
   void keep(TrainState state);
-  // Must be called after the state of the training was replaced.
+  // Must be called after the training state was replaced.
   void restart(const TrainState& state);
   // Returns the state from which training continues. `state` is the state in which the event was found.
   // Throws Error(numerical) if training must stop. The text of the error or of the report contains the

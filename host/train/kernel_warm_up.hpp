@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// KernelWarmUp executes every operation of a training once, on a copy of a model. OpenCL drivers compile a
+// KernelWarmUp executes every operation of training once, on a copy of a model. OpenCL drivers compile a
 // kernel when it is first launched, which takes memory, disk space and seconds. The warm-up makes this happen
 // at the start of the run. Without it, a failed compilation might not be noticed until a relocation hours
 // later.
@@ -53,9 +53,9 @@ SplatModel copies(const SplatModel& model, std::size_t target);
 double view_seconds(Device& device, const TrainSettings& settings, const Split& train,
                     const SplatModel& model);
 
-// Makes the device compile every kernel that a training with these splits and the initial model `initial` can
+// Makes the device compile every kernel that training with these splits and the initial model `initial` can
 // launch, including the evaluation with `more`. Throws the same errors as the first training steps, and
-// Error(memory) if a later part of the training certainly does not fit into memory.
+// Error(memory) if a later part of training certainly does not fit into memory.
 void build_kernels(Device& device, const TrainSettings& settings, const Split& train, const Split& test,
                    const SplatModel& initial, ImageMetrics* more = nullptr);
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // LearntSky optimises the background during training: a single colour, or a sky of spherical harmonics
-// (method.md 4.11). If the background is not learnt, its methods do nothing.
+// (method.md 4.11). If the background is not learnt, the methods of LearntSky do nothing.
 #pragma once
 
 #include <span>

@@ -120,7 +120,7 @@ std::uint64_t room_at_end(const RunPlan& plan, const Schedule& schedule,
   return room;
 }
 
-// Executes every operation of a training once and records the kernels that it launches.
+// Executes every operation of training once and records the kernels that it launches.
 std::vector<StageUse> record_stages(Device& device, const TrainSettings& settings, const Split& train,
                                     const SplatModel& initial) {
   KernelWarmUp warm_up(device, settings, train.views[0], initial);

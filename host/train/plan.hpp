@@ -45,11 +45,11 @@ struct StageUse {
 
 struct RunPlan {
   PlanPoint start, end;            // first and last iteration, with images of full size
-  std::vector<PlanLevel> levels;   // only for a training, which has at least one level
+  std::vector<PlanLevel> levels;   // only for training, which has at least one level
   std::size_t views_measured = 0;  // number of views whose intersections were counted
-  int iterations = 0;              // number of iterations of the training; 0 for rendering
-  double step_ms = 0;              // only for a training: estimated mean over all iterations
-  // Estimated time of all iterations of a training, or of rendering all views once.
+  int iterations = 0;              // number of training iterations; 0 for rendering
+  double step_ms = 0;              // only for training: estimated mean over all iterations
+  // Estimated time of all training iterations, or of rendering all views once.
   double seconds = 0;
   MemoryPlan memory;                    // memory at the end of the run
   std::uint64_t intersection_room = 0;  // capacity of the list buffers at the end of the run
@@ -58,10 +58,11 @@ struct RunPlan {
   std::string note;  // reason why a part could not be measured
 };
 
-// Returns "fits", or a text that starts with "does not fit" and explains which limit is exceeded.
+// Returns "fits", or a string that starts with "does not fit" and explains which limit is exceeded.
 std::string fit_text(const RunPlan& plan, const DeviceInfo& device);
 
-// Estimates a training. Throws Error(memory) if training would run out of memory before its first iteration.
+// Estimates a training run. Throws Error(memory) if training would run out of memory before its first
+// iteration.
 RunPlan plan_training(Device& device, const TrainSettings& settings, const Split& train, const Split& test,
                       const SplatModel& initial);
 

@@ -19,7 +19,7 @@ namespace ubs {
 // settings.
 KernelConfig kernel_config(int dim, const ModelVariant& variant, const TrainSettings& settings,
                            const DeviceInfo& device);
-// Returns the kernel configuration of a training, in which the frozen parameter groups are not trained.
+// Returns the kernel configuration for training, in which the frozen parameter groups are not trained.
 KernelConfig training_config(const TrainSettings& settings, const DeviceInfo& device);
 // Returns the settings of the renderer: the near and the far plane, the blur and the background.
 RenderSettings render_settings(const TrainSettings& settings);
@@ -28,7 +28,7 @@ RenderSettings render_settings(const TrainSettings& settings);
 Background learnt_background(Background behind, const std::vector<float>& sky);
 // Returns the options for initialising splats.
 InitOptions init_options(const TrainSettings& settings);
-// Throws Error(usage) if a training with these settings cannot start from the model, because its dimension or
+// Throws Error(usage) if training with these settings cannot start from the model, because its dimension or
 // variant differs.
 void check_initial(const TrainSettings& settings, const SplatModel& initial);
 // Returns whether training renders without waiting for the size of the tile lists. The setting list_counts
@@ -48,8 +48,8 @@ std::vector<std::string> kernel_assignments(const TrainSettings& settings);
 // before this function is called.)
 TrainSettings resolve_automatic(TrainSettings settings);
 
-// Returns the input of plan_memory() for a training with at most `splats` splats on these views. The number
-// of intersections is set to 0.
+// Returns the input of plan_memory() for training with at most `splats` splats on these views. The number of
+// intersections is set to 0.
 MemoryQuestion memory_question(const TrainSettings& settings, const Split& train, const Split& test,
                                const DeviceInfo& device, std::size_t splats);
 

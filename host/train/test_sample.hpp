@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// TestSample decides when a few of the test views are measured during a training, so that the quality curve
-// of the run has values between the start and the end. Measurements take place after 20, 40, 60 and 80 % of
-// the work. A measurement is skipped if all measurements together would take more than 2 % of the training
-// time so far. Only the measurements depend on the clock; the model does not.
+// TestSample decides when a few of the test views are measured during training, so that the quality curve of
+// the run has values between the start and the end. Measurements take place after 20, 40, 60 and 80 % of the
+// work. A measurement is skipped if all measurements together would take more than 2 % of the training time
+// so far. Only the measurements depend on the clock; the model does not.
 #pragma once
 
 #include <cstddef>

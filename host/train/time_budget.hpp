@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// BudgetPace adapts the length of a training to a time budget (docs/budget.md). At closely spaced points of
-// the run, it compares the remaining time with the remaining work, and sets the number of iterations for the
-// rest of the work. Each point becomes part of the settings, so that the run can be repeated without a clock.
+// BudgetPace adapts the length of a training run to a time budget (docs/budget.md). At closely spaced points
+// of the run, it compares the remaining time with the remaining work, and sets the number of iterations for
+// the rest of the work. Each point becomes part of the settings, so that the run can be repeated without a
+// clock.
 #pragma once
 
 #include <cstdint>
@@ -16,11 +17,11 @@
 
 namespace ubs {
 
-// Converts a text such as "90", "90s", "10m", "2 min", "1.5h" or "1h30m" into seconds. Throws Error(usage) if
-// the text is not a positive time, or if the time exceeds 1e7 seconds.
+// Converts a string such as "90", "90s", "10m", "2 min", "1.5h" or "1h30m" into seconds. Throws Error(usage)
+// if the text is not a positive time, or if the time exceeds 1e7 seconds.
 double time_budget_seconds(const std::string& text, std::string_view name = "budget");
 
-// StepCost holds the times of a training with images that are reduced by `factor`. A step takes fixed_ms plus
+// StepCost holds the times of training with images that are reduced by `factor`. A step takes fixed_ms plus
 // each_ms for every splat, but at least a tenth of fixed_ms. If cameras are refined, a sweep over all cameras
 // takes sweep_ms.
 struct StepCost {

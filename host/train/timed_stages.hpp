@@ -30,14 +30,14 @@ class TimedStages final : public Stages {
       : device_(device), stages_(std::move(stages)), time_(time) {}
 
   // Must be called at the start of every iteration. Every 53rd iteration is sampled. 53 is a prime number, so
-  // that all views are sampled in the course of a training, and samples rarely coincide with refinements.
+  // that all views are sampled in the course of a training run, and samples rarely coincide with refinements.
   // Iterations with `refines` are sampled too, because they have additional operations. If an iteration
   // relocates splats although `refines` is false, sampling starts at the relocation.
   void begin_iteration(int iteration, bool refines);
   // Stops counting and sampling until the next iteration. Must be called before an evaluation, which is not
   // part of the training.
   void pause();
-  // Returns the times of the operations that the training has called. Operations that were never sampled,
+  // Returns the times of the operations that were called during training. Operations that were never sampled,
   // which can happen in short runs, have 0 seconds.
   std::vector<StageTime> times() const;
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// TrainedCameras refines the cameras during a training (method.md 4.10). During the run, it refines
-// the cameras of the training views in several sweeps. At the end, it fits the camera poses of the test views
-// to the model. The model does not change while cameras are refined. Several ranks are not supported.
+// TrainedCameras refines the cameras during training (method.md 4.10). In several sweeps, it refines the
+// cameras of the training views. At the end, it fits the camera poses of the test views to the model. The
+// model does not change while cameras are refined. Several ranks are not supported.
 #pragma once
 
 #include <vector>
@@ -47,7 +47,7 @@ class TrainedCameras {
     stages_.pause();
     return {&stages_, splats_.view()};
   }
-  // Sets the renderer's cameras to those of the training again, after other cameras were used for a while.
+  // Gives the renderer the cameras of the training views again, after it has used other cameras.
   void restore_cameras() { passes_.set_cameras(views_.cameras()); }
 
   Device& device_;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// TrainedScene holds everything that a training optimises: the splats, the exposures of the photographs, the
+// TrainedScene holds everything that training optimises: the splats, the exposures of the photographs, the
 // background and the cameras. Its methods perform one iteration of the training loop (method.md, section 4),
 // on one device, or on several MPI ranks that share the splats and the views (docs/cluster.md). Trainer
 // decides how many iterations there are, and what happens between them.
@@ -45,7 +45,7 @@ class TrainedScene {
   // Changes the schedule. Only iterations, work_shares and growth_end may differ from the current settings.
   void set_schedule(TrainSettings settings) { schedule_ = schedule_.with(std::move(settings)); }
   // Returns the settings in which the background is the one that has been learnt so far. Use these settings
-  // to render the model outside of the training.
+  // to render the model outside of training.
   TrainSettings drawn_settings() const;
   RenderSettings render_settings() const { return passes_->settings(); }
 

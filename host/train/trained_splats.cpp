@@ -23,8 +23,8 @@ void upload_compact(Buffer<float>& buffer, std::uint32_t stride, std::uint32_t c
                     std::span<const float> values) {
   const std::size_t rows = buffer.size() / stride;
   if (values.size() != rows * count)
-    fail(ErrorKind::internal, "the number of moments is {}, which does not match {} splats with {} rows",
-         values.size(), count, rows);
+    fail(ErrorKind::internal, "{} splats with {} parameters need {} moments, but there are {}", count, rows,
+         rows * count, values.size());
   buffer.zero();
   for (std::size_t r = 0; r < rows; ++r) buffer.upload(values.subspan(r * count, count), r * stride);
 }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// TrainedSplats holds the splats of a training on the device: their parameters, the gradients, and the two
+// TrainedSplats holds the splats on the device during training: their parameters, the gradients, and the two
 // moments of Adam. It also relocates and adds splats (method.md 4.3). This class is for a single process,
 // which holds all splats. With several ranks, the derived class SharedSplats (shared_splats.hpp) holds the
 // splats of one rank, and all ranks must make the same calls.

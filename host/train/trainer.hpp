@@ -70,8 +70,8 @@ class Trainer {
   // then change during the run. Must be called before the first iteration, or before run() continues a
   // restored state. Not supported with several ranks.
   void keep_to(const TimeBudget& budget);
-  // Makes run() also measure a few test views during the training, if this takes little time (TestSample).
-  // This has no effect on the model. Must be called before run(). Has no effect with several ranks.
+  // Makes run() also measure a few test views during training, if this takes little time (TestSample). This
+  // has no effect on the model. Must be called before run(). Has no effect with several ranks.
   void sample_test() { samples_ = true; }
   // Ends the run early. Within about `seconds` seconds, the run performs the last part of its schedule, in
   // which the learning rates decrease to 0 (BudgetPace::complete). This part begins after the next iteration,

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// TrainingViews supplies the views of a training. For each draw (the use of a view in an iteration), it
+// TrainingViews supplies the views for training. For each draw (the use of a view in an iteration), it
 // determines the view, its camera and photograph at the current size (host/train/pyramid.hpp), and the loss
 // of a render compared with the photograph. If requested, it also optimises the exposure and white balance of
 // each photograph (method.md 4.9). Draws are counted from 0, with `batch` draws per iteration.

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// ViewPasses renders the views of a training. It runs the forward and backward passes of the views of a step,
+// ViewPasses renders the views for training. It runs the forward and backward passes of the views of a step,
 // and renders single views for an evaluation or for display. This class is for a single process. With several
 // ranks, the derived class SharedViewPasses (shared_view_passes.hpp) divides the views of a step among the
 // ranks, and all ranks must make the same calls.

@@ -1,13 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
-// WorkShare computes the share of the work of a training that is done after an iteration, from 0 to 1. Every
-// decision of a schedule is a function of this share. In a run of N iterations, the share after iteration i
-// is i/N. In a run with a time budget, the setting work_shares contains points (iteration, share), which are
-// added during the run (host/train/time_budget.hpp). The share is linear between these points, and from the
-// last point to (iterations, 1). If the time that is left for a run changes, it may change its pace before it
-// reaches its next point, or the end if it has no points. Such a point is stored together with the iteration
-// after which the pace changed, so that the shares up to this iteration remain bit-identical. After a point
-// with the share 1, the share may decrease. This happens if a finished run is continued, because it repeats
-// the last part of its work.
+// WorkShare computes the share of the work of a training run that is done after an iteration, from 0 to 1.
+// Every decision of a schedule is a function of this share. In a run of N iterations, the share after
+// iteration i is i/N. In a run with a time budget, the setting work_shares contains points (iteration,
+// share), which are added during the run (host/train/time_budget.hpp). The share is linear between these
+// points, and from the last point to (iterations, 1). If the remaining time of a run changes, the run may
+// change its pace before it reaches its next point, or its end if it has no points. The point that was not
+// reached is then stored together with the iteration after which the pace changed, so that the shares up to
+// this iteration remain bit-identical. After a point with the share 1, the share may decrease. This happens
+// if a finished run is continued, because it repeats the last part of its work.
 #pragma once
 
 #include <vector>

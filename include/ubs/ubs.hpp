@@ -288,7 +288,7 @@ class Renderer {
   Renderer(const Device& device, const Model& model, const Settings& settings, unsigned flags = 0)
       : Renderer(device, model, settings.get(), flags) {}
   void update(const Model& model) { check(ubs_renderer_update(get(), model.get())); }
-  // Renders Gaussians in arrays of the program, and writes their gradients (ubs_renderer_set_gaussians).
+  // These functions pass pointers to arrays: those of Gaussians to be rendered, and those of their gradients.
   void set_gaussians(const ubs_gaussians& gaussians) { check(ubs_renderer_set_gaussians(get(), &gaussians)); }
   void get_gaussian_gradients(const ubs_gaussians& gradients) {
     check(ubs_renderer_get_gaussian_gradients(get(), &gradients));

@@ -5,9 +5,9 @@
 // float4. It contains the transmittance so far, or 0 if the pixel is closed (math/blend.h), and the colour composited
 // so far. There are kTileSide^2 states per segment.
 //
-// Segments are numbered over all tiles. Segment k of the list of a tile that starts at entry `first` has the number
-// first / kListSegment + tile + k. Its states are stored at index first / kListSegment + k - 1, counted in blocks of
-// kTileSide^2 states. So no two segments have the same number, although some numbers have no segment.
+// Segments are numbered over all tiles. If the list of tile t starts at entry f, segment k of this list has the number
+// f / kListSegment + t + k. The states of this segment are stored at index f / kListSegment + k - 1, counted in blocks
+// of kTileSide^2 states. So no two segments have the same number, although some numbers have no segment.
 #pragma once
 
 typedef struct {

@@ -14,9 +14,9 @@ UBS_FN TileRect tile_rect(uint2 packed) {
 UBS_FN uint tile_rect_width(TileRect rect) { return rect.x1 - rect.x0 + 1; }
 UBS_FN uint tile_rect_area(TileRect rect) { return tile_rect_width(rect) * (rect.y1 - rect.y0 + 1); }
 
-// Returns a number of elements. If the host knows the number, it passes it as `most`, and `counted` is null. Otherwise
-// the number is stored on the device at `counted`, and `most` is an upper bound. In this case the launch has work-items
-// for `most` elements, and the work-items beyond the actual number have nothing to do.
+// Returns the number of elements that a kernel processes. If the host knows this number, it passes it as `most`, and
+// `counted` is null. Otherwise the number is stored on the device at `counted`, and `most` is an upper bound. In this
+// case the launch has work-items for `most` elements, and the work-items beyond the actual number have nothing to do.
 UBS_FN uint listed(uint most, UBS_GLOBAL const uint* counted) { return counted ? *counted : most; }
 
 // Returns the index i in [low, high) with firsts[i] <= place < firsts[i + 1]. The values of `firsts` must be strictly

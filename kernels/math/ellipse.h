@@ -6,9 +6,9 @@
 //
 // With the linearised projection T = J R_wc the ellipse is B = T V T^T + eps I with V = M K M^T. (With `cov_mode
 // upper`, the upper triangle of V is mirrored to the lower one.) For a thin ellipse, det B = ac - b^2 is far smaller
-// than ac. Then V, B and their gradients contain the short axis as a difference of large numbers. In single precision,
-// this already loses 1e-3 of the short axis if the axes have a ratio of 130 : 1. Therefore the code avoids differences
-// of squares of the long axis:
+// than ac. Then the short axis can only be computed from V, B and their gradients as a difference of large numbers. In
+// single precision, this already loses 1e-3 of the short axis if the axes have a ratio of 130 : 1. Therefore the code
+// avoids differences of squares of the long axis:
 // - The frame is projected as a factor, A = T M. By the formula of Cauchy and Binet, det(A K_s A^T) = n^T adj(K_s) n
 //   with the minors n = a_0 x a_1 of A. For K = I this is a sum of squares.
 // - K = K_s + K_a is split into its symmetric part K_s and its skew part K_a. K_a only has an effect with
@@ -23,7 +23,8 @@
 
 enum {
   kShrinks = (UBS_C > 0) & !UBS_DIRECT,  // 1 if K is not the identity
-  // 1 if K has a skew part that has an effect. This is the case with `cov_mode upper` if there are weights.
+  // 1 if K can have a skew part that has an effect. This requires `cov_mode upper` and several query dimensions, whose
+  // weights (conditional.h) may differ.
   kSkewed = (UBS_C > 1) & !UBS_DIRECT & !UBS_WHITEN,
 };
 
@@ -47,8 +48,8 @@ typedef struct {
   ImageFrame a;      // A = T M
   vreal skew[3];     // entries 01, 02 and 12 of M K_a M^T; only with kSkewed
   Sym2 mirrored;     // E; only with kSkewed
-  // Only with UBS_ANTIALIAS: the square root of the quotient of the determinant without eps2d and `det`. The opacity is
-  // multiplied by this value, to compensate for the area that the blur adds.
+  // Only with UBS_ANTIALIAS: sqrt(det(B - eps2d I) / det B). The opacity is multiplied by this value, to compensate for
+  // the area that the blur adds.
   vreal compensation;
 } Ellipse;
 

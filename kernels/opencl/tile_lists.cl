@@ -60,8 +60,9 @@ UBS_FN ulong packed_counts(uint tiles) { return tiles > 0 ? one_drawn() + tiles 
 // Writes the keys and indices of the visible splats, sorted by the first digit of the key, and the first slot of each
 // splat. `offsets`, `digits` and `sums` are results of count_rows. `totals` receives the numbers of visible splats and
 // of intersections. `drawn` and `pairs` are null if the host waits for the totals. Otherwise they receive the same two
-// numbers for the kernels that follow. If one of the numbers is larger than its bound, drawn_room or pairs_room, they
-// receive 0, and all tile counts are set to 0, so that the view becomes empty (as in fit_lists of map/lists.cl).
+// numbers for the kernels that follow. If there are more than drawn_room visible splats or more than pairs_room
+// intersections, both receive 0, and all tile counts are set to 0, so that the view becomes empty (as in fit_lists of
+// map/lists.cl).
 __kernel __attribute__((reqd_work_group_size(kGroup, 1, 1))) void count_write(
     __global uint* tile_counts, __global const uint* depth_keys, uint count, __global const uint* offsets,
     __global const uint* digits, __global const ulong* sums, ulong drawn_room, ulong pairs_room,

@@ -12,9 +12,9 @@ UBS_FN float largest_lane(vreal v) {
   return most;
 }
 
-// Writes, for each slot, the maximum over the tile's pixels of transmittance * alpha. A splat that would finish a pixel
-// is not composited in this pixel, but counts there, because without this splat the pixel would continue with the next
-// one. If the weight is 0, the image does not depend on the splat in this tile.
+// Writes, for each slot, the maximum over the tile's pixels of transmittance * alpha. If a splat would finish a pixel,
+// it is not composited in this pixel. The pixel still counts, because without this splat it would continue with the
+// next one. If the weight is 0, the image does not depend on the splat in this tile.
 __kernel __attribute__((reqd_work_group_size(1, 1, 1))) void measure_weights(
     __global const float* records, __global const uint* sorted_ids, __global const uint* sorted_slots,
     __global const uint* tile_ranges, int tiles_x, int tiles_y, int width, int height,

@@ -115,7 +115,7 @@ class Trainer(_abi.Handle):
     ) -> None:
         self._device = opened(device)
         chosen = Settings(settings, spec, use=_abi.USE_TRAINER)
-        # Keeps the data set alive. Its files may be deleted together with it, and training reads images from them.
+        # Training reads images from files that may be deleted together with the data set, so keep the data set alive.
         self._data = data
         super().__init__("trainer", "trainer_create", self._device, data, chosen, initial)
 

@@ -119,7 +119,7 @@ const std::vector<RefusedCase> kRefused{
     {"32-null-codebook.sog", false, "meta.json: scales.codebook[0] is null"},
 };
 
-// Returns the parts of a message that a row of a table requires. In the table, "|" separates them.
+// Returns the texts that an output must contain. A row of a table lists them, separated by "|".
 std::vector<std::string> parts_of(const char* words) {
   std::vector<std::string> all;
   std::istringstream stream(words);
@@ -185,8 +185,9 @@ TEST_CASE("cases: model files give the expected numbers of splats, and notes") {
   }
 }
 
-// The PSNR of this model rises slowly when its quantisation steps decrease. Earlier versions gave up.
-TEST_CASE("cases: a page of the control is made with the default quality") {
+// The PSNR of this model rises slowly when its quantisation steps decrease. Because of this, earlier versions
+// failed to compress it.
+TEST_CASE("cases: ubs web compresses the control model to the default quality") {
   UBS_REQUIRE_DATA(cases, "cases");
   const TempFolder folder;
   const std::string model = quoted(fs::canonical(cases / "00-control/model-run"));

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tests the executable as users run it. Each test starts it as a process, and checks its exit code, its
+// Tests the executable as users run it. Each test starts `ubs` as a process, and checks its exit code, its
 // output and the files that it writes.
 #include <catch2/catch.hpp>
 #include <chrono>
@@ -83,7 +83,7 @@ TEST_CASE("cli: metrics compares images and folders") {
   CHECK(same["mean"]["ssim"] == 1);
   CHECK(same["mean"]["ssim_valid"] == 1);
   CHECK(same == json::parse(get(folder / "m.json")));
-  // The difference of two images of a single colour is known.
+  // The difference between two images of a single colour is known.
   for (const char* name : {"a", "b"}) fs::create_directories(folder / name);
   save_png(folder / "a/x.png", {32, 32, std::vector<std::uint8_t>(3 * 32 * 32, 100)});
   save_png(folder / "b/x.png", {32, 32, std::vector<std::uint8_t>(3 * 32 * 32, 110)});

@@ -209,7 +209,7 @@ TEST_CASE("commands fail if they cannot write to stdout") {
   CHECK(errors.code == 3);
 }
 
-TEST_CASE("a closed pipe ends a printing command without a message, but not a training") {
+TEST_CASE("a closed pipe ends a printing command without a message, but does not end training") {
   const TempFolder folder;
   make_data(folder);
   // The pipe is closed before anything is written to it.
@@ -227,12 +227,12 @@ TEST_CASE("a closed pipe ends a printing command without a message, but not a tr
   CHECK(get(folder / "err.txt").find("ubs: ") == std::string::npos);
   CHECK(std::filesystem::exists(folder / "run/model.ply"));
   std::filesystem::remove_all(folder / "run");
-  // With 2>&1, the training also writes its progress to the closed pipe.
+  // With 2>&1, `ubs train` also writes its progress to the closed pipe.
   CHECK(into_closed_pipe("exec 2>&1; " + train_command(30, "--set eval_every=10")) == 0);
   CHECK(std::filesystem::exists(folder / "run/model.ply"));
 }
 
-TEST_CASE("if standard streams are closed, their output is not written into files of the training") {
+TEST_CASE("if standard streams are closed, their output is not written into files of the training run") {
   const TempFolder folder;
   make_data(folder);
   for (const char* closed : {">&- 2>&-", ">&-", "2>&-", "<&- >&- 2>&-", "<&-"}) {
@@ -324,7 +324,7 @@ TEST_CASE("exceeding the memory limit of a control group gives exit code 6 and n
     CHECK(result.err.find("limits: 300 MiB (control group)") != std::string::npos);
     CHECK_FALSE(std::filesystem::exists(folder / "run"));
   }
-  put(folder / "cgroup", "0::/\n");  // without the limit, the training starts
+  put(folder / "cgroup", "0::/\n");  // without the limit, training starts
   const Result other = run_in_group(folder, train + "1");
   INFO(other.err);
   CHECK(other.code == 0);
@@ -396,7 +396,7 @@ TEST_CASE("PoCL stores its kernels in the folder of ubs; training builds all of 
   CHECK_FALSE(std::filesystem::exists(folder / fmt::format("ubs-{}/pocl", ::geteuid())));
 }
 
-TEST_CASE("SIGHUP ends a training and saves its checkpoint and model, but has no effect with nohup") {
+TEST_CASE("SIGHUP ends training and saves a checkpoint and the model, but has no effect with nohup") {
   const TempFolder folder;
   make_data(folder);
   const std::string train =

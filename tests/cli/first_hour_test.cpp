@@ -295,8 +295,8 @@ TEST_CASE("without points, splats start where the cameras look") {
   put_scene(folder / "data", 24, 6, 1);
   const std::string train = "train data --dim 3 --iterations 1 ";
   CHECK_THAT(ubs_ok(folder, train + "--out a").out,
-             Contains("the data have no points: splats start at random positions in the space that the "
-                      "cameras see in common") &&
+             Contains("the data have no points: splats start at random positions in the cube that all "
+                      "cameras see") &&
                  Contains("begins   192 splats"));
   CHECK_THAT(ubs_ok(folder, train + "--out b --init-extent 0.5 --init-points 50").out,
              Contains("at random positions within 0.5 of the origin") && Contains("begins   50 splats"));
@@ -405,7 +405,7 @@ TEST_CASE("ubs train FOLDER chooses an output folder and all settings that are n
   }
 }
 
-// Starts a training, ends it when it has printed a line that starts with `last`, and returns its output.
+// Starts `ubs train`, ends it when it has printed a line that starts with `last`, and returns its output.
 std::string said_at_begin(const TempFolder& folder, const std::string& arguments,
                           const std::string& last = "begins") {
   put(folder / "stop.sh",
@@ -433,8 +433,8 @@ TEST_CASE("a plan without --iterations and --budget estimates the default traini
   put_scene(folder / "data", 64, 8, 1);
   const std::string few = "plan data --dim 6 --cap-max 100 --init-points 50 ";
   const Result text = ubs_ok(folder, few);
-  CHECK_THAT(text.out, Contains("schedule   16000 iterations, at most 100 splats; without options, 'ubs "
-                                "train' ends after 15 min") &&
+  CHECK_THAT(text.out, Contains("schedule   16000 iterations, at most 100 splats (--iterations 30000 ") &&
+                           Contains("would take longer than 15 min\n") &&
                            Contains("16000 iterations at the measured"));
   const json plan = json::parse(ubs_ok(folder, few + "--json").out);
   CHECK(plan["iterations"] == 16000);
@@ -730,7 +730,7 @@ TEST_CASE("a report shows the worst view and lists problems") {
   metrics["budget_seconds"] = 30;
   put(folder / "run/metrics.json", metrics.dump());
   CHECK_THAT(ubs_ok(folder, "report run --views 2 --overwrite").err, !Contains("--cap-max"));
-  // Moves a splat far away. In a real training, this can happen to a splat that only one camera sees.
+  // Moves a splat far away. In real training, this can happen to a splat that only one camera sees.
   SplatModel model = load_splat_model(folder / "run/model.ply").model.single("test");
   model.row(0)[7] = 1e4f;
   write_splat_ply(folder / "far.ply", model);

@@ -111,7 +111,7 @@ TEST_CASE("cli: convert reads and writes many formats, and reports what a format
   ubs_ok(folder, "convert x.glb x.sog");
   CHECK(json::parse(ubs_ok(folder, "info x.sog --json").out)["format"] == "SOG");
   CHECK(read_foreign_splats(folder / "x.sog").count() == 1);
-  // A USD file contains one time sample or a series of them, and is read at one of them.
+  // A USD file contains one or several time samples. One of them is read.
   CHECK_THAT(ubs_ok(folder, "convert u7.ply x.usda --time 0.5").out,
              Contains("store K of them with --series K"));
   const json moments = json::parse(ubs_ok(folder, "convert u7.ply x7.usda --series 3 --json").out);
@@ -167,7 +167,7 @@ TEST_CASE("cli: models are converted to another kind of conditioning", "[cli]") 
   ubs_ok(folder, "web d.ply --exact --out page.html");
 }
 
-// Without query values, the command would fail with "has 0 further query values; N = 8 needs 1".
+// Without query values, the command would fail with "has 0 further query values".
 TEST_CASE("cli: stored cameras of a model with more than seven dimensions get typical query values",
           "[cli]") {
   const TempFolder folder;
@@ -229,7 +229,7 @@ TEST_CASE("cli: convert fits an export to the model, and measures the loss of qu
   ubs_ok(folder, train + "--dim 6 --out run");
   const Result said = ubs_ok(folder, "convert run m.spz --distill 0");
   CHECK_THAT(said.out,
-             Contains("dB against the model itself, ") && Contains("dB on black (mean of 4 cameras)"));
+             Contains("PSNR against the model: ") && Contains("a black one (mean of 4 cameras)"));
   const json loss =
       json::parse(ubs_ok(folder, "convert run m.spz --distill 0 --json --overwrite").out)["loss"];
   const double psnr = loss["psnr"], on_black = loss["psnr_on_black"];
@@ -241,7 +241,7 @@ TEST_CASE("cli: convert fits an export to the model, and measures the loss of qu
                   .contains("loss"));
   CHECK_THAT(ubs_ok(folder, "convert run m.spz --device nonesuch --overwrite").out,
              Contains("the Gaussians were not fitted to the model: ") &&
-                 Contains("the loss of quality was not measured: ") && !Contains("against the model itself"));
+                 Contains("the loss of quality was not measured: ") && !Contains("PSNR against the model"));
   check_error(folder, "convert run e.spz --distill 2s --device nonesuch", 4, "nonesuch");
   // A fit uses the cameras of the data or, if there are no data, the cameras that the model stores. In both
   // cases, after the minimum of 100 iterations, the Gaussians resemble the model more than before the fit, on

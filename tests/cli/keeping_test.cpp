@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tests plans, budgets, checkpoints, evaluations and the training on wide images with the executable.
+// Runs the executable to test plans, budgets, checkpoints, evaluations, and training on wide images.
 // resume_test.cpp tests runs that are killed or interrupted.
 #include <catch2/catch.hpp>
 #include <cstdlib>
@@ -195,7 +195,7 @@ TEST_CASE("cli: a run with a time budget records settings that reproduce it") {
   CHECK_THAT(shares, Contains(fmt::format("{}:", so_far)) && Contains(":1'"));
   CHECK_THAT(completed.out, Contains("finished after"));
   CHECK_FALSE(fs::exists(folder / "own/checkpoint.ubs"));
-  check_error(folder, "train --data data --out x --pyramid 2:0.5,4:0.7", 2, "falling factors");
+  check_error(folder, "train --data data --out x --pyramid 2:0.5,4:0.7", 2, "FACTOR:SHARE");
 }
 
 TEST_CASE("cli: --eval-every accepts iterations and seconds, and the last iteration is always evaluated") {
@@ -209,7 +209,7 @@ TEST_CASE("cli: --eval-every accepts iterations and seconds, and the last iterat
     std::istringstream log(get(folder / "run/log.csv"));
     std::string line;
     int count = 0;
-    // A row with ",,," has neither metrics of the test views nor of a sample of them.
+    // A row with ",,," has metrics neither of all test views nor of a sample of them.
     while (std::getline(log, line)) count += line.find(",,,") == std::string::npos;
     return count - 1;  // without the header line
   };

@@ -188,8 +188,8 @@ TEST_CASE("outputs: --overwrite replaces a run that was edited or copied") {
   CHECK(get(folder / "copy/model.ply") == get(folder / "run/model.ply"));
 }
 
-// Starts a training in the folder `run`, and runs `script` next to that folder as soon as a checkpoint
-// exists. In the script, $pid is the process of the training.
+// Starts `ubs train` with the output folder `run`, and runs `script` next to that folder as soon as a
+// checkpoint exists. In the script, $pid is the process of `ubs train`.
 Result beside_training(const TempFolder& folder, int iterations, const std::string& script) {
   put(folder / "script.sh",
       fmt::format(
@@ -257,9 +257,10 @@ TEST_CASE("outputs: commands replace a file only with --overwrite, and never the
   for (const char* name : {"mine.mp4", "mine.png"}) put(folder / name, "precious");
   fs::create_symlink("mine.mp4", folder / "link.mp4");
   fs::create_symlink("nowhere", folder / "dangling.mp4");
-  // Tests each command with an existing file as its output, and with one of these outputs: a link to a file,
-  // a link to nothing, and, if the command reads a file, this file and a hard link to it. With
-  // UBS_TEST_ALL=1, tests each command with all of these outputs.
+  // Tests each command with an existing file as its output, and with one other output. The other outputs are
+  // a symbolic link to a file, a symbolic link to nothing, the command's input file and a hard link to this
+  // input file. The last two are only used for commands that read a file. With UBS_TEST_ALL=1, tests each
+  // command with all of these outputs.
   const bool all = test::whole_sweep();
   std::size_t turn = 0;
   for (const Writer& writer : kWriters) {
@@ -291,16 +292,15 @@ TEST_CASE("outputs: commands replace a file only with --overwrite, and never the
   for (const auto& [command, message] :
        {std::pair{
             "reduce run/model.ply data --out r.spz",
-            "r.spz: a UBS model, which 'ubs convert' converts to other formats, is written to this file: "
-            "choose a name that ends with .ply"},
-        {"reduce run/model.ply data --out r.ply --effects r.json", "r.json: CSV is written"},
-        {"web run/model.ply --out page.html --poster p.jpg", "p.jpg: PNG is written"},
-        {"web run/model.ply --out page.ply", "page.ply: HTML is written"},
-        {"eval run/model.ply data --out e.csv", "e.csv: JSON is written"},
-        {"metrics data/test/r_000.png data/test/r_001.png --out m.png", "m.png: JSON is written"},
-        {"report run --out r.json", "r.json: HTML is written"},
-        {"pack data --out p.mp4", "p.mp4: a packed data set is written"},
-        {"convert run/model.ply c.spz --to 3dgs --distill 0", "c.spz: 3DGS PLY is written"}})
+            "r.spz: the output is a UBS model, not a .spz file: choose a name that ends with .ply"},
+        {"reduce run/model.ply data --out r.ply --effects r.json", "r.json: the output is CSV"},
+        {"web run/model.ply --out page.html --poster p.jpg", "p.jpg: the output is PNG"},
+        {"web run/model.ply --out page.ply", "page.ply: the output is HTML"},
+        {"eval run/model.ply data --out e.csv", "e.csv: the output is JSON"},
+        {"metrics data/test/r_000.png data/test/r_001.png --out m.png", "m.png: the output is JSON"},
+        {"report run --out r.json", "r.json: the output is HTML"},
+        {"pack data --out p.mp4", "p.mp4: the output is a packed data set"},
+        {"convert run/model.ply c.spz --to 3dgs --distill 0", "c.spz: the output is 3DGS PLY"}})
     check_refused(folder, command, message);
 }
 

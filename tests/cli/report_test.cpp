@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tests `ubs report` as users run it: data and images in pages about short trainings on built-in scenes,
-// comparisons, runs with missing parts, and invalid arguments. tests/report/report_page_test.py tests the
-// pages in a browser.
+// Tests `ubs report` as users run it, with short runs on built-in scenes: the data and images of the pages,
+// comparisons of runs, runs with missing files, and invalid arguments. tests/report/report_page_test.py tests
+// the pages in a browser.
 #include <nlohmann/json.hpp>
 #include <opencv2/imgcodecs.hpp>
 #include <sstream>
@@ -223,7 +223,7 @@ TEST_CASE("report: the page of one run contains its data", "[cli]") {
   ubs_ok(folder, "report still --device cpu --views 1 --no-viewer --out plain.html --overwrite");
   CHECK_FALSE(read_page(folder / "plain.html").html.ids().contains("ubs-viewer"));
 
-  json damaged = metrics;  // the report must accept a name that is not a text, and find no view for it
+  json damaged = metrics;  // the report must accept a name that is not a string, and find no view for it
   damaged["test"]["views"][0]["name"] = 5;
   put(folder / "still/metrics.json", damaged.dump());
   ubs_ok(folder, "report still --device cpu --views 1 --no-viewer --out plain.html --overwrite");
@@ -323,7 +323,7 @@ TEST_CASE("report: a run with missing files still gives a page", "[cli]") {
   CHECK(counts(page)["lower half"] == 2);
 }
 
-TEST_CASE("report: data that replaced those of the run are not used as its ground truth", "[cli]") {
+TEST_CASE("report: ground truth comes from the data of the run, unless --data selects others", "[cli]") {
   const TempFolder& folder = trained();
   const TempFolder there, here;
   test::put_scene(there / "data", 32, 4, 5);
@@ -351,7 +351,7 @@ TEST_CASE("report: data that replaced those of the run are not used as its groun
   }
 }
 
-// Starts a training, and sends it the signal as soon as it has written a checkpoint.
+// Starts `ubs train`, and sends it the signal as soon as it has written a checkpoint.
 void ended_run(const TempFolder& folder, const std::string& out, int signal) {
   test::ended_by(folder,
                  "train --data data --out " + out +

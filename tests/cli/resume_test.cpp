@@ -96,8 +96,8 @@ TEST_CASE("cli: a run that was killed or interrupted gives the same bytes when i
   check_error(folder, "train --resume whole", 2, "this run is finished");
 }
 
-// Tests Ctrl-C during a training. `length` is the option for the length of the training, which must be longer
-// than the test takes.
+// Tests Ctrl-C during training. `length` is the option for the length of the run, which must be longer than
+// the test takes.
 void check_ctrl_c(const std::string& length) {
   INFO(length);
   const TempFolder folder;
@@ -154,7 +154,7 @@ void check_ctrl_c(const std::string& length) {
   CHECK(ended["interrupted"] == true);
   const int before = ended["ended_early"]["iteration"].get<int>();
   CHECK(ended["iterations"].get<int>() > before);
-  CHECK_THAT(run.out, Contains(fmt::format("continues after iteration {}, before the cool-down", before)));
+  CHECK_THAT(run.out, Contains(fmt::format("continues after iteration {}, as if", before)));
   CHECK(read_checkpoint(folder / "ended/checkpoint.ubs").state.iteration == before);
   CHECK_THAT(ubs_ok(folder, "train --resume ended --budget +1s").out,
              Contains(fmt::format("resumed  at iteration {},", before)) && Contains("finished after"));
@@ -260,8 +260,8 @@ TEST_CASE("cli: a run that cannot be resumed is reported in one line") {
 }
 
 #ifdef UBS_SCARCE_MEMORY
-// In this test, the memory for an image that is read during the training cannot be allocated.
-TEST_CASE("cli: a training that runs out of memory keeps its state, and gives the same bytes if resumed") {
+// In this test, the memory for an image that is read during training cannot be allocated.
+TEST_CASE("cli: a run that exhausts the memory keeps its state, and gives the same bytes if resumed") {
   const TempFolder folder;
   constexpr int kSide = 201;  // ten images of 121 203 bytes do not fit into the cache
   put_scene(folder / "data", kSide, 8, 2);

@@ -52,7 +52,7 @@ void ranks_ok(const TempFolder& folder, int count, const std::string& arguments)
   REQUIRE(result.code == 0);
 }
 
-// Returns the command of a training that grows from 300 to 420 splats within the first refinements, and
+// Returns the command of a training run that grows from 300 to 420 splats within the first refinements, and
 // relocates splats that the opacity penalty makes transparent.
 std::string training(int dim, int batch, const std::string& out, int iterations = 120) {
   return fmt::format(
@@ -237,7 +237,7 @@ TEST_CASE(
 TEST_CASE("ranks: the quality of wide images is measured in their own lens model") {
   const TempFolder folder;
   test::put_panoramas(folder / "data", 4);
-  // The quality is also measured after 20 iterations, so that the training continues after other cameras have
+  // The quality is also measured after 20 iterations, so that training continues after other cameras have
   // been rendered.
   const std::string train =
       "train data --dim 6 --batch 4 --init-points 300 --cap-max 300 --iterations 40 --test-every 2 "
@@ -308,7 +308,7 @@ TEST_CASE("messages between ranks", "[.rank]") {
   CHECK(run.device == "one + other");
 }
 
-TEST_CASE("ranks: messages of any size arrive, and longer ones are sent in parts") {
+TEST_CASE("ranks: messages of any size arrive, and long messages are sent in parts") {
   const TempFolder folder;
   const std::string self = fs::read_symlink("/proc/self/exe").string();
   const Result result = test::run_command(

@@ -34,7 +34,8 @@ struct Bench {
   void copy_async(float value) {
     std::vector<float> values(kThreads, value);
     device.copy_async(*image.view().memory, std::as_bytes(std::span<const float>(values)));
-    values.assign(kThreads, -100.0f);  // allowed immediately after copy_async(), so it must have no effect
+    // The caller may change the values as soon as copy_async() has returned. The upload must not be affected.
+    values.assign(kThreads, -100.0f);
   }
   void give_add() {
     device.launch("add", cuda::Kernel<void(float*, const float*)>(add), 1, kThreads, sum.view(),
@@ -67,7 +68,7 @@ TEST_CASE("an upload on a separate stream waits for earlier work", "[cuda]") {
   CHECK(b.first_sum() == 3);
 }
 
-TEST_CASE("uploads on a separate stream keep order and values if both streams are late", "[cuda]") {
+TEST_CASE("uploads on a separate stream arrive unchanged and in order if both streams are late", "[cuda]") {
   Bench b;
   b.let_late(true, true);
   for (int i = 1; i <= 5; ++i) {

@@ -317,7 +317,7 @@ TEST_CASE("dataset: if the data are in another folder, the error names it", "[da
   CHECK_THAT(refusal({"s/sparse/0/cameras.txt", "s/sparse/0/images.txt", "s/images/a.png"}),
              Contains("/s (colmap)"));
   CHECK_THAT(refusal({"sparse/0/cameras.txt", "sparse/0/images.txt", "images/a.png"}, "sparse"),
-             Contains("the folder that contains it is: pass /") && Contains(" (colmap)"));
+             Contains("pass the folder above it, /") && Contains(" (colmap)"));
   for (const std::string model : {"colmap", "sparse/0/0"}) {
     const std::string message =
         refusal({model + "/cameras.txt", model + "/images.txt", "rgb/a.png", "rgb/b.png"});
@@ -328,8 +328,8 @@ TEST_CASE("dataset: if the data are in another folder, the error names it", "[da
              Contains("/distorted --images ../input"));
   CHECK_THAT(refusal({"sparse/0/cameras.bin.gz", "images/a.png", "images/b.png"}), Contains("gunzip /"));
   CHECK_THAT(refusal({"model.ply", "config.yaml", "metrics.json"}),
-             Contains("the output folder of a training"));
-  CHECK_THAT(refusal({"config.yaml", "log.csv"}), Contains("the output folder of a training"));
+             Contains("the output folder of a training run"));
+  CHECK_THAT(refusal({"config.yaml", "log.csv"}), Contains("the output folder of a training run"));
   CHECK_THAT(refusal({"a.png", "b.png"}), Contains("2 images but no cameras"));
 }
 
@@ -715,7 +715,7 @@ TEST_CASE("n3v: folders of frames are read", "[llff]") {
   const Dataset unsplit = load_dataset(folder.path(), {.read = {.test_every = 0}});
   CHECK(unsplit.find("test")->views.size() == 3);
   CHECK(std::ranges::count(unsplit.report.notes,
-                           "--test-every 0 has no effect, because the data state their test views") == 1);
+                           "--test-every 0 has no effect, because the data determine the test views") == 1);
 }
 
 TEST_CASE("n3v: frames are in natural order", "[llff]") {
@@ -763,7 +763,7 @@ TEST_CASE("llff: unusable depth bounds are not used, and this is reported", "[ll
   }
 }
 
-TEST_CASE("llff: if the folder of images does not exist, the error names another one", "[llff]") {
+TEST_CASE("llff: if the image folder does not exist, the error names another image folder", "[llff]") {
   const TempFolder folder;
   put_rows(folder.path(), 2);
   const auto message = [&](const DatasetOptions& options = {}) {

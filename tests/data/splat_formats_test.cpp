@@ -366,7 +366,7 @@ std::string spz_v4_of(const std::string& v3, std::size_t records) {
 
 }  // namespace
 
-TEST_CASE("formats: SPZ files with an extension for the coordinate system are converted from it",
+TEST_CASE("formats: SPZ files are converted from the coordinate system that an extension states",
           "[formats]") {
   const TempFolder folder;
   const ImportedSplats splats = random_splats(20, 3);

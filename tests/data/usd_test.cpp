@@ -346,8 +346,9 @@ TEST_CASE("usd: errors describe what cannot be read", "[formats]") {
   CHECK_THAT(with("  float3 xformOp:scale = (1, 2, 1)\n" + op + "scale\"]\n"), Contains("only translations"));
   CHECK_THAT(with("  float xformOp:rotateX = nan\n" + op + "rotateX\"]\n"), Contains("only translations"));
   CHECK(with("  float xformOp:rotateX = 90\n").empty());  // xformOpOrder does not list this operation
-  CHECK_THAT(with("  float3[] scales = [(-1, -2, -3)]\n"), Contains("linear scales (are these logarithms?)"));
-  CHECK_THAT(with("  float[] opacities = [3]\n"), Contains("from 0 to 1 (are these logits?)"));
+  CHECK_THAT(with("  float3[] scales = [(-1, -2, -3)]\n"),
+             Contains("linear scales (the file may contain logarithms)"));
+  CHECK_THAT(with("  float[] opacities = [3]\n"), Contains("from 0 to 1 (the file may contain logits)"));
   CHECK_THAT(with("  float[] opacities = [x]\n"), Contains("t.usda, line 6: 'x' is not a number"));
   CHECK_THAT(with("  float3[] scales = [(1, 2)]\n"), Contains("expected ',', found ')"));
   CHECK_THAT(with("  uniform int radiance:sphericalHarmonicsDegree = 99\n"),
@@ -371,7 +372,7 @@ TEST_CASE("usd: errors describe what cannot be read", "[formats]") {
   }
 }
 
-TEST_CASE("usd: OpenUSD converts the binary form, and without it the error suggests .usda", "[formats]") {
+TEST_CASE("usd: OpenUSD converts the binary form; without OpenUSD, the error suggests .usda", "[formats]") {
   const TempFolder folder;
   const std::string before = std::getenv("PATH") ? std::getenv("PATH") : "";
   setenv("PATH", folder.path().c_str(), 1);

@@ -39,7 +39,7 @@ struct Scenario {
   // in which the command ran. If the function is empty, the command is repeated.
   std::function<std::string(const TempFolder&)> complete = {};
   LoopDisk* disk = nullptr;  // disk that is mounted at out/; may be null
-  // Returns a text that must be equal for the files of two runs, for example the file without its times. If
+  // Returns a string that must be equal for the files of two runs, for example the file without its times. If
   // the function is empty, all bytes must be equal.
   std::function<std::string(const std::string& path, const std::string& bytes)> common = {};
 };

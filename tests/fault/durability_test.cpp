@@ -29,7 +29,7 @@ std::string folder_of(const std::string& path) {
   return folder.empty() ? "." : folder.string();
 }
 
-// Returns a description of an error in the order of the calls, or an empty text if the order is correct. It
+// Returns a description of an error in the order of the calls, or an empty string if the order is correct. It
 // is correct if every name in the folder belongs to a complete file at any time, if all results are on the
 // disk at the end, and if the file `last` is removed or renamed after all results are on the disk. Log files
 // grow line by line, so they may be incomplete before the end.

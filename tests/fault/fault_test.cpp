@@ -23,7 +23,7 @@ constexpr const char* kTraining =
     "--data data --dim 3 --init-points 150 --cap-max 150 --iterations 30 --checkpoint-every 10 "
     "--log-every 10 --quiet --out ";
 
-// Returns a text that is the same for the complete files of all runs, although the files contain different
+// Returns a string that is the same for the complete files of all runs, although the files contain different
 // times. For incomplete pages, JSON files and logs, the text is different.
 std::string without_times(const std::string& path, const std::string& bytes) {
   if (path.ends_with(".html")) return bytes.find("</html>") != std::string::npos ? "a page" : "broken";

@@ -24,7 +24,7 @@ class LoopDisk {
 
   void format();     // creates an empty file system and mounts it
   void sync();       // makes the kernel write all data to the disk
-  void cut_power();  // replaces the disk by a mounted copy in its state after a power cut
+  void cut_power();  // replaces the disk by a copy of what a power cut leaves, and mounts it
 
  private:
   void mount();

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// float64_gradient N COLOUR prints a JSON object for python/tests/test_torch.py. It contains splats with N
-// dimensions and the setting colour = COLOUR, a camera, weights for the pixels of colours, alpha and depth,
-// and the gradients of the weighted sums of these pixels, computed by the oracle in float64.
+// float64_gradient N COLOUR prints a JSON object for python/tests/test_torch.py. The object contains splats
+// with N dimensions and the setting colour = COLOUR, a camera, and a weight for each colour, alpha and depth
+// of each pixel. It also contains the gradients of four sums, computed by the oracle in float64: the weighted
+// sums of the colours, of the alphas and of the depths, and the total of these three sums.
 #include <cstdio>
 #include <cstdlib>
 #include <nlohmann/json.hpp>

@@ -68,7 +68,7 @@ const Folder& scene() {
   return folder;
 }
 
-// The settings of all trainings in this file. as_options() and settings() below convert them for the
+// The settings of all training runs in this file. as_options() and settings() below convert them for the
 // executable and for the library.
 const std::vector<std::pair<std::string, std::string>> kSettings{
     {"iterations", "60"}, {"init_points", "300"}, {"cap_max", "400"}, {"dim", "6"}, {"log_every", "5"}};
@@ -207,7 +207,7 @@ TEST_CASE("training with the library gives the same bits as with the executable"
   CHECK(content(out / "whole.ply") == expected);
   CHECK(content(folder / "run/metrics.json").find("\"psnr\"") != std::string::npos);
 
-  // The step function stops the training after 17 iterations, five calls run one iteration each, and another
+  // The step function stops training after 17 iterations, five calls run one iteration each, and another
   // trainer continues from a checkpoint.
   ubs::Trainer parts(device, data, settings());
   parts.run([&](const ubs_step& step) { return step.iteration < 17; });
@@ -258,7 +258,7 @@ TEST_CASE(
   CHECK(made.view_count("val") == 0);
   CHECK(made.image("test", 1) == opened.image("test", 1));
   ubs::Device device;
-  // The images of the folder have an alpha channel, and those of the arrays do not. So both trainings use a
+  // The images of the folder have an alpha channel, and those of the arrays do not. So both runs use a
   // constant black background, for which this makes no difference.
   const auto first =
       settings().set("iterations", 20).set("background", "black").set("random_background", "off");

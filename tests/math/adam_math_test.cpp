@@ -71,7 +71,7 @@ TEST_CASE("a zero gradient gives no adam step, and epsilon damps the step for a 
   CHECK(tiny.param == Approx(-0.05 * 1e-20 / (1e-20 + 1e-15)).epsilon(1e-12));
 }
 
-TEST_CASE("an adam state is not finite if any of its three numbers is not", "[adam]") {
+TEST_CASE("an Adam state is not finite if any of its three numbers is not finite", "[adam]") {
   constexpr double kMost = std::numeric_limits<double>::max();
   CHECK_FALSE(adam_not_finite({0, 0, 0}));
   CHECK_FALSE(adam_not_finite({kMost, kMost, kMost}));  // although the sum of the numbers is not finite

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // SplatForm is the interface to one form of the mathematics of a splat (kernels/math/splat.h). A form is a
-// combination of a variant, a number of dimensions N, and one of three kinds of gradient: of the parameters
-// without the path through the view direction, of the parameters with this path, or of the camera. The types
-// of the interface do not depend on the form. So splat_form.cpp is compiled once for each form, but the tests
-// in splat_vjp_test.cpp are compiled only once.
+// combination of a variant, a number of dimensions N, and a kind of gradient. There are three kinds:
+// gradients of the parameters without the path through the view direction, gradients of the parameters with
+// this path, and gradients of the camera. splat_form.cpp is compiled once for each form. The types of the
+// interface do not depend on the form, so the tests in splat_vjp_test.cpp are compiled only once.
 #pragma once
 
 #include <array>

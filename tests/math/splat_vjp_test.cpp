@@ -146,7 +146,7 @@ struct Errors {
   double worst = 0, norm = 0;
 };
 
-// Returns the number of values of the gradient, which is that of the parameters of the splat or that of the
+// Returns the number of values of the gradient of the form: the gradient of the splat's parameters, or of the
 // camera.
 int inputs(const Form& form) {
   if (!form.camera_grad) return form.row.count;

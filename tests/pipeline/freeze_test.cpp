@@ -73,7 +73,7 @@ TEST_CASE("freezing groups does not change the bits of the other gradients", "[f
       {3, splats3d, RasterKind::cpu, {"sh_rest", "xyz,scale,rotation"}}};
   for (const auto& device : devices_under_test())
     for (const Case& c : cases) {
-      // The CUDA back end on the host takes long to compile a program, so it skips the second case.
+      // The CUDA back end on the host takes a long time to compile a program, so the second case is skipped.
       if (on_host(*device) && c.raster == RasterKind::gpu) continue;
       const oracle::Scene scene = oracle::regular_scene(
           {.count = 150, .dim = c.dim, .seed = 9, .width = 61, .height = 45, .variant = c.variant});
@@ -81,7 +81,8 @@ TEST_CASE("freezing groups does not change the bits of the other gradients", "[f
       const Rows all = gradient_rows(*device, scene, config, 0);
       for (const std::string& freeze : c.freeze) {
         // Each text of `freeze` needs another program. CUDA on the host tests only the first text, because
-        // compiling takes long there. Other devices test two texts, or all of them with UBS_TEST_ALL=1.
+        // compiling takes a long time there. Other devices test two texts, or all of them with
+        // UBS_TEST_ALL=1.
         const auto number = &freeze - c.freeze.data();
         if (number >= (on_host(*device) ? 1 : test::whole_sweep() ? 9 : 2)) continue;
         const std::uint32_t frozen = frozen_groups(scene.model.layout(), freeze);

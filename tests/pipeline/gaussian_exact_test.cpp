@@ -96,7 +96,7 @@ double largest_difference(const RenderedView& a, const RenderedView& b) {
 
 }  // namespace
 
-TEST_CASE("foreign splats: images of a 3DGS file agree with those in float64", "[foreign][exact]") {
+TEST_CASE("foreign splats: rendered images of a 3DGS file agree with float64 images", "[foreign][exact]") {
   const TempFolder folder;
   const auto gaussians = scene();
   put_ply(folder / "g.ply", gaussians);

@@ -74,7 +74,7 @@ bench::BenchScene wide_splats(std::size_t count = 960) {
   return scene;
 }
 
-TEST_CASE("gradient slots in several buffers give the same bits as in one", "[slots]") {
+TEST_CASE("gradient slots in several buffers give the same bits as in one buffer", "[slots]") {
   for (const auto& device : opencl_devices_under_test())
     for (const RasterKind raster : {RasterKind::cpu, RasterKind::gpu}) {
       KernelConfig config{.dim = 3, .raster = raster};

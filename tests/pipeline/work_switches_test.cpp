@@ -109,7 +109,7 @@ TEST_CASE("alpha_min agrees with float64 in images and gradients", "[work][oracl
 // everything behind it. This is at most alpha_min R, so skipping n contributions changes the pixel by at most
 // n alpha_min R. It also makes the transmittance larger, so that blending may stop at another splat. If
 // blending stops at a transmittance S, the rest is ignored, which changes the pixel by at most S R. This
-// happens with alpha_min (S) and without it (S'). Hence the difference of the two images is at most R (n
+// happens with alpha_min (S) and without it (S'). Hence the difference between the two images is at most R (n
 // alpha_min + S + S').
 TEST_CASE("the error of alpha_min stays within its bound", "[work]") {
   for (const auto& device : devices_under_test())

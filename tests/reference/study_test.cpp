@@ -79,7 +79,7 @@ TEST_CASE("clamped parameters have the derivative of the clamped function", "[or
     CHECK(tape.adjoint(raw[rows.triangle + 3 + k].node()) == Approx(least_query_scale({}) / std::sqrt(3.0)));
 }
 
-TEST_CASE("a spatial scale far below the largest is raised to a fraction of it", "[oracle][study]") {
+TEST_CASE("a spatial scale far below the largest scale is raised to a fraction of it", "[oracle][study]") {
   Tape tape;
   const Rows rows(3);
   std::vector<Var> raw;

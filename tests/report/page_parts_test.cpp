@@ -135,7 +135,7 @@ TEST_CASE("page image: data URIs contain the pixels", "[report]") {
   CHECK((decoded(photograph).cols == 300 && decoded(photograph).rows == 150));
 }
 
-TEST_CASE("page image: images of errors, depths and alpha have the expected values, and so has the PSNR",
+TEST_CASE("page image: images of errors, depths and alpha, and the PSNR, have the expected values",
           "[report]") {
   const auto flat = [](std::uint8_t v) { return Image8{2, 1, {v, v, v, v, v, v}}; };
   const auto sum = [](const Image8& image, std::size_t pixel) {

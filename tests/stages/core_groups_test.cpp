@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Tests kernels whose work-groups are assigned to CPU cores (CoreGroups): every work-item must run once per
-// launch, for any number of work-groups and of assumed cores, even if the machine has fewer cores.
+// launch, for any number of work-groups, even if the kernel is compiled for more cores than the machine has.
 #include "host/opencl/core_groups.hpp"
 
 #include <array>
@@ -23,7 +23,8 @@ TEST_CASE("work-groups that are assigned to cores run once per launch") {
       WARN("skipped: work-groups cannot be assigned to cores on " << describe(device.info()));
       continue;
     }
-    for (const std::uint32_t cores : {1u, 2u, 3u, 7u, 0u}) {  // 0 stands for two cores with a table of shares
+    // cores = 0 stands for two cores with the option UBS_CORE_SHARES, which assigns a share to each core.
+    for (const std::uint32_t cores : {1u, 2u, 3u, 7u, 0u}) {
       CoreGroups core_groups(device, cores > 0 ? cores : 2);
       ProgramSpec spec = core_groups.program({{"../tests/support/core_groups_probe.cl"}, {}});
       if (cores == 0) spec.options.push_back("-DUBS_CORE_SHARES=" + core_shares(std::array{0u, 2u, 4u}, 2));

@@ -75,7 +75,7 @@ TEST_CASE("elementary functions have at most the documented errors") {
       constexpr float kInf = std::numeric_limits<float>::infinity();
       std::vector<float> ends(16, std::numeric_limits<float>::quiet_NaN());
       ends[0] = kInf, ends[1] = -kInf, ends[2] = 1e30f, ends[3] = -1e30f, ends[4] = 89, ends[5] = -104;
-      ends[6] = std::bit_cast<float>(0x7fffffffu);  // a NaN of which all bits are set
+      ends[6] = std::bit_cast<float>(0x7fffffffu);  // a NaN: all bits except the sign are set
       const std::vector<float> at_ends = values(device, kernel, lanes, 3, ends);
       for (std::size_t i = 0; i < ends.size(); ++i)
         CHECK((i > 5 ? std::isnan(at_ends[i]) : at_ends[i] == (ends[i] > 0 ? kInf : 0.0f)));

@@ -89,7 +89,8 @@ TEST_CASE("relocation moves dead splats to living ones and splits the opacity", 
     const auto copies = check_copies(model, on.download(model), dead);
     CHECK(copies.size() > 50);
     for (const auto& [source, n] : copies) CHECK(source % 3 != 1);
-    // Afterwards, the opacities of a few sources and their copies may be so small that they are dead.
+    // Relocation reduces the opacities of the sources and of their copies, so a few of these splats may be
+    // dead afterwards.
     CHECK(on.relocate(stages) < dead.size() / 10);
   });
 }
@@ -245,8 +246,8 @@ TEST_CASE("the noise of positions agrees with its formula in double precision", 
     for (std::uint32_t i = 0; i < model.count; ++i) {
       const oracle::Noise noise = oracle::noise(splats, i, amount, seed, iteration);
       for (std::size_t r = 0; r < 3; ++r)
-        // The largest observed error is 8.5e-6. It occurs if a uniform random number is near 1, where its
-        // normal random number in single precision is inexact.
+        // The largest observed error is 8.5e-6. It occurs if a uniform random number is near 1, because the
+        // normal random number that is computed from it is then inexact in single precision.
         REQUIRE(std::abs(after.at(r, i) - (model.at(r, i) + noise.displacement[r])) <
                 1.7e-5 * (1 + 3 * noise.size[r]));
       for (std::size_t k = 3; k < kRows; ++k) REQUIRE(after.at(k, i) == model.at(k, i));

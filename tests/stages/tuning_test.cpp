@@ -121,7 +121,7 @@ TEST_CASE("damaged tuning files, and those for other devices, are ignored") {
   CHECK(with("UBS_CHUNK", "UBS_N").empty());  // this macro is not a tuned constant
   CHECK(with("32", "33").empty());            // the value is not a candidate and would break the kernel
   CHECK(with("32", "-32").empty());
-  CHECK(with("32", "\"32; rm -rf\"").empty());  // a text must never become an option of the compiler
+  CHECK(with("32", "\"32; rm -rf\"").empty());  // a string must never become an option of the compiler
   CHECK(with("\"UBS_CHUNK\": 32", "\"UBS_NONE\": 1, \"UBS_CHUNK\": 48") == TuningValues{{"UBS_CHUNK", 48}});
   for (const std::size_t length : {std::size_t{0}, std::size_t{1}, good.size() / 2}) {
     put(tuning_file(kDevice), good.substr(0, length));
@@ -135,7 +135,7 @@ TEST_CASE("damaged tuning files, and those for other devices, are ignored") {
   CHECK(load_tuning(kDevice, tuned_constants()).empty());
 }
 
-TEST_CASE("opening a device loads its tuning file, and its kernels are built with the values") {
+TEST_CASE("opening a device loads its tuning file, and kernels are built with the values of this file") {
   const TuningFolder folder;
   const std::vector<DeviceInfo> devices = list_devices();
   for (std::size_t i = 0; i < devices.size(); ++i) {

@@ -51,7 +51,7 @@ oracle::Options oracle_options(const Case& c) {
   return options;
 }
 
-// Returns the relative distance of two images over the decided pixels.
+// Returns the relative distance between two images over the decided pixels.
 template <class T>
 double image_distance(std::span<const T> a, const oracle::Study& study, double least) {
   const std::vector<double>& b = study.image.image;
@@ -99,7 +99,7 @@ void compare_gradients(const Case& c, const Expectation& expected, const DeviceR
 }
 
 // Checks that pixels are between the minimum and the maximum of the background and of the colours of splats
-// that may be visible. Returns a description of the problem, or an empty text.
+// that may be visible. Returns a description of the problem, or an empty string.
 std::string outside_colours(const Case& c, const oracle::Study& study, const DeviceResult& actual) {
   if (c.model.variant.colour != ColourMode::rgb) return "";
   const std::size_t pixels = actual.alpha.size();
@@ -121,7 +121,7 @@ std::string outside_colours(const Case& c, const oracle::Study& study, const Dev
   return "";
 }
 
-// Checks that all gradients of culled splats are 0. Returns a description of the problem, or an empty text.
+// Checks that all gradients of culled splats are 0. Returns a description of the problem, or an empty string.
 std::string touched_when_culled(const Case& c, const oracle::Study& study, const DeviceResult& actual) {
   for (std::size_t i = 0; i < c.model.count; ++i) {
     if (!study.culled[i]) continue;

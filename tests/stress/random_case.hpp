@@ -7,7 +7,7 @@
 
 namespace ubs::stress {
 
-// Returns a case with random splats, of which most have one or two extreme properties. These are:
+// Returns a case with random splats. Most of them have one or two of these extreme properties:
 // - raw betas from -12 to 12;
 // - scales from 1e-7 to 1e4, and needles;
 // - a query covariance with a condition number of up to 1e12;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// run_stress() implements the command `ubs-lab stress`: it compares difficult, extreme and random cases on a
-// device with float64 (docs/stability.md).
+// run_stress() implements the command `ubs-lab stress`, which computes difficult, extreme and random cases on
+// a device and compares the results with float64 (docs/stability.md).
 #pragma once
 
 namespace ubs::stress {

@@ -20,8 +20,9 @@ std::vector<std::shared_ptr<Device>> opencl_devices_under_test();
 std::vector<RasterKind> rasters_of(const Device& device);
 std::vector<std::string> raster_names_of(const Device& device);
 // Returns whether the device is the CUDA back end on the host. This device compiles the programs of variants
-// while the tests run, which takes long, so tests should use only a few variants. If UBS_TEST_ALL is set in
-// the environment, this function returns false, so that all variants are tested as on other devices.
+// while the tests run. Compiling takes a long time, so tests should use only a few variants. If UBS_TEST_ALL
+// is set in the environment, this function returns false, so that all variants are tested as on other
+// devices.
 bool on_host(const Device& device);
 // Selects the devices under test from the options of tests/main.cpp. An empty `request` selects all. Returns
 // an exit code: 0, or 77 if an optional device does not exist.

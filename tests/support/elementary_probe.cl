@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// This kernel evaluates a function of kernels/math/elementary.h, which the number `which` selects, with
-// vectors of UBS_VW values. tests/stages/elementary_test.cpp launches it.
+// This kernel evaluates a function of kernels/math/elementary.h with vectors of UBS_VW values. `which`
+// selects the function. tests/stages/elementary_test.cpp launches the kernel.
 __kernel void elementary_probe(int which, __global const float* in, __global float* out) {
   const uint first = get_global_id(0) * UBS_VW;
   const vreal x = UBS_LOAD(in + first);

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // While an object of the class LenientKernels exists, ubs uses changed kernels that render splats with any
 // finite parameters. The original kernels cull splats with parameters above UBS_RAW_MAX (kernels/limits.h),
-// because their gradients would not be finite. With the changed kernels, tests check how ubs handles
-// gradients that are not finite, which may also have other causes. Devices must be opened after the object is
-// created.
+// because their gradients would not be finite. Gradients that are not finite may still have other causes.
+// Tests produce them with the changed kernels, and check how ubs handles them. Devices must be opened after
+// the object is created.
 #pragma once
 
 #include <cstdlib>

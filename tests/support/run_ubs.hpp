@@ -48,8 +48,9 @@ inline Result ubs_ok(const TempFolder& folder, const std::string& arguments) {
   return result;
 }
 
-// Returns a log.csv without the columns that depend on the clock: the second one, which contains the seconds,
-// and those after the sixth, because the time determines when a sample of the test views is measured.
+// Returns a log.csv without the columns that depend on the clock. These are the second column, which contains
+// the seconds, and all columns after the sixth, because the time determines when a sample of the test views
+// is measured.
 inline std::string without_seconds(const std::string& log) {
   std::string text;
   std::istringstream lines(log);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// random_splats() creates random 3D Gaussians in the type that files of other tools are read into. compare()
-// returns the differences between two sets of such Gaussians.
+// random_splats() creates random 3D Gaussians. They have the type ImportedSplats, which is used for
+// third-party files. compare() returns the differences between two sets of such Gaussians.
 #pragma once
 
 #include <catch2/catch.hpp>

@@ -60,8 +60,8 @@ inline std::size_t file_count(const std::filesystem::path& folder) {
   return static_cast<std::size_t>(std::distance(std::filesystem::directory_iterator(folder), {}));
 }
 
-// Returns the message of the Error that `action` throws, or an empty text if it throws none. Also checks that
-// the error is of the expected kind, and that its message has one line.
+// Returns the message of the Error that `action` throws, or an empty string if it throws none. Also checks
+// that the error is of the expected kind, and that its message has one line.
 template <typename Action>
 std::string message_of(const Action& action, ErrorKind expected = ErrorKind::data) {
   try {

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
 """Tests tools/experiment.py. Usage: experiment_test.py UBS [NAME ...], where UBS is the path of ubs, and NAMEs select
-tests. Most tests use a script in place of `ubs`. The last tests run real trainings of a small scene."""
+tests. Most tests use a script in place of `ubs`. The last tests really train a small scene."""
 import importlib.util
 import json
 import os
@@ -229,8 +229,8 @@ class BadFiles(Case):
                 (self.HEAD + "rows: [{name: ../a}]\n", "bad.yaml: rows[0]: name: '../a' is not allowed: expected [A-Z"),
                 (self.HEAD + "rows: []\n", "bad.yaml: rows: must be a list with at least one entry"),
                 (self.HEAD + "rows: [{name: a, name: b}]\n", 'a key appears twice in the mapping in "'),
-                (self.HEAD + "rows: [{name: a}]\nnotes: [a, b]\n", "notes: ['a', 'b'] is not allowed: expected a text"),
-                (self.HEAD + "rows: [{name: a}]\ntitle:\n", "title: '' is not allowed: expected a text"),
+                (self.HEAD + "rows: [{name: a}]\nnotes: [a, b]\n", "notes: ['a', 'b'] is not allowed: expected text"),
+                (self.HEAD + "rows: [{name: a}]\ntitle:\n", "title: '' is not allowed: expected text"),
                 (self.HEAD + "rows: [{name: a, settings: 3}]\n", "rows[0]: settings: must be a mapping"),
                 ("name: e\npublished: {source: s, columns: [speed]}\ndata: [{set: set.yaml}]\nrows: [{name: a}]\n",
                  "bad.yaml: published: columns[0]: 'speed' is not allowed: expected psnr|ssim"),
@@ -409,7 +409,7 @@ class Run(Case):
         put(self.results("cube") / "checkpoint.ubs", "state")
         self.table("--resume")
         self.assertIn("--resume ", self.lines("starts")[-1])
-        # Files of a failed training with other settings are not used as results.
+        # Files of a failed run with other settings are not used as results.
         self.scene("cube", "fail")
         self.table("--resume", "--set", "iterations=401", code=6)
         self.scene("cube", "train", 32)
@@ -587,7 +587,7 @@ class Run(Case):
 
 
 class Real(Case):
-    """Tests with real trainings."""
+    """Tests that really train."""
 
     def setUp(self):
         super().setUp()

@@ -44,11 +44,11 @@ void poison(Device& device, Trainer& trainer, int row, std::uint32_t splat, floa
 
 struct Run {
   std::vector<std::string> warnings;  // warnings after which training continued
-  std::string message;                // message of the error that ended the training
+  std::string message;                // message of the error that ended training
   TrainState end;
 };
 
-// Runs the training to its end, and calls `meddle` after each iteration.
+// Trains to the end, and calls `meddle` after each iteration.
 template <typename Meddle>
 Run run(Trainer& trainer, const Meddle& meddle) {
   Run result;
@@ -137,8 +137,8 @@ TEST_CASE("guard: if a gradient is not finite, the message contains its stage an
   }
 }
 
-// Runs operations with other stages, and sets one value of the output of the operation with the index
-// `operation` to NaN.
+// Spoiler passes all operations on to `stages`. After the operation with the index `operation`, it sets one
+// value of the output to NaN.
 class Spoiler final : public Stages {
  public:
   Spoiler(Device& device, Stages& stages, std::size_t operation)
@@ -218,7 +218,7 @@ TEST_CASE("guard: with on_nan = drop, the splat is removed and the final model i
     CHECK(result.end.iteration == kIterations);
     CHECK(is_finite(result.end));
 
-    // If too many splats are not finite (here more than ten), the training ends with an error.
+    // If too many splats are not finite (here more than ten), training ends with an error.
     Trainer worse(*device, settings, data.train, kNone, start(settings));
     const Run stopped = run(worse, [&](int iteration) {
       if (iteration == 20)
@@ -229,8 +229,8 @@ TEST_CASE("guard: with on_nan = drop, the splat is removed and the final model i
   }
 }
 
-// If cameras were refined before earlier iterations are checked for finite values, a run that goes back to
-// such an iteration would refine them twice.
+// Earlier iterations are checked for finite values before cameras are refined. Otherwise, a run that goes
+// back to one of these iterations would refine the cameras twice.
 TEST_CASE("guard: cameras are only refined after earlier iterations have been checked", "[guard]") {
   const Data data = synthetic("glossy", 64, 4);
   for (const auto& device : devices_under_test()) {

@@ -157,7 +157,7 @@ TEST_CASE("pyramid: a run resumed on any level is bit-identical to an uninterrup
         first.run([&](const StepReport& report) { return report.iteration < cut; });
         Trainer second(*device, settings, train, data.test, first.model());
         second.restore(first.state());
-        // An evaluation on full images does not change the training.
+        // An evaluation on full images does not change training.
         CHECK(second.evaluate_test().mean.psnr == first.evaluate_test().mean.psnr);
         second.run([](const StepReport&) { return true; });
         const TrainState got = second.state();

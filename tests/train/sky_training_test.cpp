@@ -104,7 +104,7 @@ TEST_CASE("sky: the learnt background equals the background of the images", "[sk
   }
 }
 
-// Returns the test PSNR if the model is rendered in front of white instead of the background of the training.
+// Returns the test PSNR if the model is rendered in front of white instead of the learnt background.
 double on_another_background(Device& device, const Trainer& trainer, TrainSettings settings, Data data) {
   const std::array<double, 3> white{1, 1, 1};
   settings.background.colour = white;

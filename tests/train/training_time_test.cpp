@@ -37,7 +37,7 @@ struct TimedRun {
   SplatModel model;
 };
 
-// Runs a training with evaluations or, if `saves` is true, with saved states every 10 seconds. The clock
+// Runs training with evaluations or, if `saves` is true, with saved states every 10 seconds. The clock
 // advances after each iteration. The time of an iteration in which a state is saved is not counted, because
 // saving is not training.
 TimedRun run_timed(Device& device, TrainSettings settings, const test::Data& data, bool saves,

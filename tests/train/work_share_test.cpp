@@ -77,7 +77,7 @@ TEST_CASE("work share: a continued run repeats the last part of its schedule", "
   }
 
   CHECK_THAT(message_of([] { WorkShare(settings_of(200, "60:0.5,100:0.4")); }, ErrorKind::usage),
-             Catch::Contains("the first invalid entry follows '60:0.5'"));
+             Catch::Contains("the entry after '60:0.5' is invalid"));
 }
 
 TEST_CASE("work share: without points, the share is proportional to the iterations", "[schedule]") {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// distance() returns the distance of two points.
+// distance() returns the distance between two points.
 #pragma once
 
 #include "host/base/vector3.hpp"

@@ -17,7 +17,7 @@ namespace {
 
 using namespace std::chrono_literals;
 
-TEST_CASE("live: a pending request is not rendered while the training stops, but after it has stopped") {
+TEST_CASE("live: a request that arrives while training stops is rendered after training has stopped") {
   const auto device = devices_under_test().at(0);
   const test::Data data = test::synthetic("glossy", 16, 3);
   const TrainSettings settings = test::short_run(3, 20, 100);
@@ -34,9 +34,8 @@ TEST_CASE("live: a pending request is not rendered while the training stops, but
       answer = std::async(std::launch::async, ask);
       return true;
     }
-    // `false` means that the training is about to end, as after Ctrl-C. The request arrives long before the
-    // last iteration, and viewers have not used up their share of the time, so nothing else prevents
-    // rendering.
+    // `false` means that training is about to end, as after Ctrl-C. The request arrives long before the last
+    // iteration, and viewers have not used up their share of the time, so nothing else prevents rendering.
     live.step(report, false);
     drawn_late =
         drawn_late || answer.wait_for(report.iteration < 20 ? 10ms : 500ms) == std::future_status::ready;

@@ -169,7 +169,7 @@ def pictures_to_the_end(served, camera):
     while True:
         try:
             status, headers, data = served.picture(camera, exact=True)
-        except ConnectionError:  # the training has ended between two requests
+        except ConnectionError:  # training has ended between two requests
             return seen
         if status != 200:
             assert status == 410 and b"ended" in data, (status, data)
@@ -586,7 +586,7 @@ def pages(folder):
             assert page.run("L.asked") == asked
             page.run("L.find('.stage').style.display = '', L.change()")
             before = page.run("L.iteration")
-            wait(page, f"L.iteration > {before}", "the training does not continue")
+            wait(page, f"L.iteration > {before}", "training does not continue")
             wait(page, "L.state && L.state.loss.length > 2", "the page receives no losses")
             assert "iteration" in page.run("document.querySelector('.facts').textContent")
             assert page.run("document.querySelector('.loss').getAttribute('points').split(' ').length") > 2

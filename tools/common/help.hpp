@@ -25,7 +25,7 @@ std::string full_name(const CLI::App& app);
 // similar name.
 std::string unknown_subcommand(const CLI::App& root, const std::string& word);
 
-// Returns a text such as "; did you mean --cap-max?" for the first unknown option, or nothing if no option
+// Returns a string such as "; did you mean --cap-max?" for the first unknown option, or nothing if no option
 // has a similar name.
 std::string suggest_option(const CLI::App& app, const std::vector<std::string>& arguments);
 

@@ -21,8 +21,8 @@ LpipsOptions::LpipsOptions(CLI::App& app) {
   range_option_ =
       app.add_option(
              "--lpips-range", range_,
-             "range of the images for the networks: signed ([-1,1], as LPIPS is defined), unit ([0,1], as in "
-             "the published evaluation of splats; also called published) or both [both]")
+             "range of the pixel values that the networks get: signed ([-1,1], as LPIPS is defined), unit or "
+             "published ([0,1], as in published results of splats), or both [both]")
           ->check(CLI::IsMember({"signed", "unit", "published", "both"}))
           ->type_name("RANGE")
           ->group(kRareGroup);

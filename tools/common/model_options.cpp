@@ -30,7 +30,7 @@ std::vector<std::pair<std::string_view, std::string>> reading_of(TrainSettings s
 }
 
 // The user may have passed a data folder instead of a model. Returns a hint that names the run that 'ubs
-// train' wrote next to this folder, or an empty text if there is no such run.
+// train' wrote next to this folder, or an empty string if there is no such run.
 std::string run_beside(std::filesystem::path folder) {
   if (!folder.has_filename()) folder = folder.parent_path();  // after a trailing slash
   const std::filesystem::path run = folder.string() + "-ubs";

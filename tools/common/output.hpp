@@ -38,7 +38,7 @@ Json quality_json(const Measured& m) {
   return {{"psnr", m.psnr_channel_mean}, {"psnr_joint", m.psnr}, {"ssim", m.ssim}};
 }
 Json metrics_json(const Metrics& metrics);  // {"mean": {...}, "views": [...]}
-// Returns a text such as "PSNR 31.42 dB (joint 31.20), SSIM 0.9612 (valid 0.9655), lpips_alex 0.03120".
+// Returns a string such as "PSNR 31.42 dB (joint 31.20), SSIM 0.9612 (valid 0.9655), lpips_alex 0.03120".
 std::string metrics_text(const ViewMetrics& metrics);
 
 }  // namespace ubs::tools

@@ -53,8 +53,8 @@ bool is_data_folder(const fs::path& folder, const fs::path& root) {
 
 [[noreturn]] void refuse_data_folder(const fs::path& folder) {
   fail(ErrorKind::usage,
-       "{}: this folder contains images or cameras of the data, or would be read as such: choose another "
-       "output folder",
+       "{}: this folder contains images or cameras of the data, or ubs would look for them there: choose "
+       "another output folder",
        folder.string());
 }
 
@@ -107,8 +107,8 @@ void check_extension(const fs::path& file, const std::string& what,
   const bool known = has_splat_extension(file) || has_image_extension(file) ||
                      std::ranges::find(kOthers, extension) != kOthers.end();
   if (known && std::ranges::find(extensions, extension) == extensions.end())
-    fail(ErrorKind::usage, "{}: {} is written to this file: choose a name that ends with {}", file.string(),
-         what, extensions.front());
+    fail(ErrorKind::usage, "{}: the output is {}, not a {} file: choose a name that ends with {}",
+         file.string(), what, extension, extensions.front());
 }
 
 void check_apart(const fs::path& folder, const Paths& data) {

@@ -21,8 +21,8 @@ constexpr int kPicturesAround = 4;             // number of images if neither da
 constexpr const char* kSuitable = "suitable";  // internal: ubs chooses the path from the cameras
 constexpr int kMaxSize = 16384, kMaxFrames = 1000000;
 
-// Returns the numbers in a text in which `separator` separates them. Returns no numbers if the text has any
-// other form.
+// Returns the numbers in a string in which `separator` separates them. Returns no numbers if the string has
+// any other form.
 template <typename Number>
 std::vector<Number> numbers(std::string_view text, char separator) {
   std::vector<Number> found;

@@ -21,13 +21,14 @@ ImageSize parse_size(const std::string& option, const std::string& text);
 Vec3 parse_vector(const std::string& option, const std::string& text);
 
 inline constexpr const char* kUpHelp =
-    "up direction of the scene: a vector, or an axis such as -y [the mean up direction of the cameras, if "
-    "there "
-    "are any; or the direction away from the floor, if the splats have one; or z (-y for third-party files)]";
+    "up direction of the scene: a vector, or an axis such as -y [the mean up direction of the cameras; "
+    "without cameras, away from the floor, if one is found in the splats; otherwise z, or -y for third-party "
+    "files]";
 // Returns the hints for scene_frame() that the model file contains: the up direction, if it states one.
 FrameHints frame_hints(const LoadedModel& model);
 
-// Warns if one of the times, which the user chose with --time, is outside of the range of training.
+// Warns if one of the times that the user chose with --time is not between 0 and 1, the range of the training
+// times.
 void warn_of_other_times(const std::string& text, std::span<const double> times);
 
 class PathOptions {
@@ -35,8 +36,8 @@ class PathOptions {
   explicit PathOptions(CLI::App& app);
   PathOptions(const PathOptions&) = delete;
 
-  // Selects a path for a model without data, unless the user chose one. The path suits the cameras that the
-  // model lists. It has only a few images, unless the user chose their number or `video` is set.
+  // Selects a path for a model without data, unless the user chose one. The path depends on the cameras that
+  // the model lists. It has only a few images, unless the user chose their number or `video` is set.
   void look_around(bool video);
   bool wanted() const { return !path_.empty() || holds(); }
   // Returns whether the camera stays at one view of the data instead of following a path.

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Progress and CountProgress print progress to stderr: Progress that of a training run, and CountProgress
-// that of other work that is counted. On a terminal they rewrite one line; otherwise they print a line about
-// every ten seconds of `time`. Progress also prints a line for each evaluation. If `silent` is set, they
-// print nothing.
+// Progress prints the progress of a training run to stderr, and CountProgress that of other work with a known
+// number of steps. On a terminal they rewrite one line; otherwise they print a line about every ten seconds,
+// as measured by `time`. Progress also prints a line for each evaluation. If `silent` is set, they print
+// nothing.
 #pragma once
 
 #include <cstddef>

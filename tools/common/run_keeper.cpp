@@ -20,7 +20,7 @@ bool was_interrupted(const RunFolder& run) {
     return path_exists(run.metrics()) &&
            parse_own_json(read_text_file(run.metrics()), run.metrics().string()).at("interrupted") == true;
   } catch (const Error&) {            // the file cannot be read
-  } catch (const Json::exception&) {  // the file does not say it
+  } catch (const Json::exception&) {  // the file has no such value
   }
   return false;
 }

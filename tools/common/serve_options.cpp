@@ -8,7 +8,7 @@ namespace ubs::tools {
 
 ServeOptions::ServeOptions(CLI::App& app) {
   option_ = app.add_option("--serve", address_.port,
-                           "show the training in a browser at this port, 8080 if none is given; 0: any free "
+                           "show training in a browser at this port, 8080 if none is given; 0: any free "
                            "port (docs/web.md)")
                 ->expected(0, 1)
                 ->default_str(std::to_string(address_.port))

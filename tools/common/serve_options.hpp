@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// ServeOptions has the options --serve [PORT] and --serve-host of `ubs train`, which show the training in a
+// ServeOptions has the options --serve [PORT] and --serve-host of `ubs train`, which show training in a
 // browser (docs/web.md).
 #pragma once
 

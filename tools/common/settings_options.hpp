@@ -16,8 +16,9 @@ namespace ubs::tools {
 
 // Help of --dim for commands in which the data determine N by default.
 inline constexpr const char* kAutoDimHelp =
-    "number of dimensions N of a splat: 3, 4 (with time), 6 (with view direction), 7 (with both), more with "
-    "further query values; auto: those that differ between the training views [auto]";
+    "number of dimensions N of a splat: 3 (position), 4 (with time), 6 (with view direction), 7 (with both); "
+    "each further query value of the data adds one, up to 11; auto: the dimensions that differ between the "
+    "training views [auto]";
 
 class SettingsOptions {
  public:

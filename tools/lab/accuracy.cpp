@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// ubs-lab accuracy: writes a table of errors against float64 and of times. The table has a row for each
-// combination of a configuration of the kernels, a scene and a device.
+// ubs-lab accuracy: measures the times of the kernels and their errors against float64, and writes a table.
+// The table has a row for each combination of a configuration of the kernels, a scene and a device.
 #include <CLI/CLI.hpp>
 #include <filesystem>
 #include <memory>
@@ -101,7 +101,7 @@ NamedScene file_scene(const AccuracyOptions& options) {
 std::vector<NamedScene> load_scenes(const AccuracyOptions& options, Device& device) {
   std::vector<NamedScene> scenes;
   if (options.model.empty() && !options.data.empty())
-    fail(ErrorKind::usage, "--data requires --model: it provides the images that the model is compared with");
+    fail(ErrorKind::usage, "--data requires --model: the model is compared with the images of --data");
   if (!options.model.empty()) scenes.push_back(file_scene(options));
   std::vector<std::string> names = options.scenes;
   if (names.empty() && scenes.empty())
@@ -196,8 +196,8 @@ Command add_accuracy(CLI::App& root) {
       ->delimiter(',')
       ->type_name("A,B,...");
   app->add_option("--config", options->configurations,
-                  "settings to measure and compare with the default, instead of the standard configurations; "
-                  "settings of the float64 reference follow a vertical bar (repeatable)")
+                  "measure this configuration and the default settings, instead of the standard "
+                  "configurations (repeatable); the settings after | apply to the float64 reference")
       ->expected(1)
       ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll)
       ->type_name("LABEL:KEY=VALUE,...[|KEY=VALUE]");
@@ -213,7 +213,8 @@ Command add_accuracy(CLI::App& root) {
       ->type_name("COUNT");
   app->add_option(
          "--dim", options->dim,
-         "dimensions of built-in scenes; the dynamic scene orbit uses 4 instead of 3 and 7 instead of 6 [6]")
+         "number of dimensions of built-in scenes; the dynamic scene orbit adds time, so 3 becomes 4 and 6 "
+         "becomes 7 [6]")
       ->check(CLI::IsMember({3, 4, 6, 7}))  // built-in scenes have no further query values
       ->type_name("N");
   app->add_option("--rounds", options->rounds, "number of repetitions of the time measurements [9]")

@@ -167,7 +167,9 @@ Command add_bench(CLI::App& root) {
   app->add_option("--raster", options->raster, "kernels that sort and rasterise the splats: auto, cpu or gpu")
       ->check(CLI::IsMember({"auto", "cpu", "gpu"}))
       ->type_name("KIND");
-  app->add_option("--dim", options->dim, "dimensions of the models; the dynamic scene has one more [6]")
+  app->add_option("--dim", options->dim,
+                  "number of dimensions of the models; the dynamic scene orbit adds time, so 3 becomes 4 and "
+                  "6 becomes 7 [6]")
       ->check(from_to(3, 11))
       ->type_name("N");
   app->add_option("--sizes", options->sizes,

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // ubs-lab compare: renders the same model and view on several devices, to compare results and speed. With
-// --train-iterations it also runs a short training on each device.
+// --train-iterations it also trains for a short time on each device.
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <cmath>

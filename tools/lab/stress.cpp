@@ -12,7 +12,8 @@ namespace ubs::tools {
 
 Command add_stress(CLI::App& root) {
   CLI::App* app = root.add_subcommand(
-      "stress", "Compare difficult, extreme and random cases with float64 (docs/stability.md)");
+      "stress",
+      "Compare the results of difficult, extreme and random cases with float64 results (docs/stability.md)");
   app->set_help_flag();  // Catch2 has its own help
   app->set_help_all_flag();
   app->prefix_command();

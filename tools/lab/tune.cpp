@@ -65,7 +65,7 @@ bench::BenchScene scene_of(const TuneOptions& options, const DeviceInfo& device)
     return scene;
   }
   if (!options.data.empty())
-    fail(ErrorKind::usage, "--data requires --model: it provides the cameras of the model");
+    fail(ErrorKind::usage, "--data requires --model: the model is rendered with the cameras of --data");
   if (options.size.empty()) return bench::tuning_scene(device, options.quick);
   const bench::SceneSize size = bench::parse_scene_size(options.size);
   return bench::synthetic_object(6, size.splats, size.width, size.height, 1);

@@ -24,7 +24,7 @@ struct IterationOptions {
 };
 
 // Measures the time per iteration of a Trainer. Its learning rates are 0 or almost 0, so that the scene does
-// not change. The other work is that of a training: it includes the upload of rates, regularisation,
+// not change. The other work is that of a training run: it includes the upload of rates, regularisation,
 // refinement every 100 iterations (unless parameter groups are frozen), and reading the loss after every
 // fifth iteration, which ends a sample. The median does not include the refinements, which cost about 1 % on
 // average.

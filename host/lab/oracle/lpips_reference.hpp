@@ -81,8 +81,8 @@ inline Features fire(const Features& in, const TensorFile& w, const std::string&
   return out;
 }
 
-// Returns the LPIPS distance of two images. Their values are in [0, 1] and have the shape (channels, height,
-// width). If `centred` is true, the values are mapped to [-1, 1] before they enter the network.
+// Returns the LPIPS distance between two images. Their values are in [0, 1] and have the shape (channels,
+// height, width). If `centred` is true, the values are mapped to [-1, 1] before they enter the network.
 inline double lpips_reference(const Network& network, const TensorFile& w, std::array<Features, 2> f,
                               bool centred) {
   const double shift[3] = {-0.030, -0.088, -0.188}, scale[3] = {0.458, 0.448, 0.450};

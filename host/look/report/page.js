@@ -37,8 +37,8 @@
   const runLabel = (run) => toned(element('span', {class: 'run'}, runs[run].name), run);
   const labelled = (run, ...children) => (several ? [runLabel(run), ' ', children] : children);
   const legend = (...more) => of('legend', several ? runs.map((_, r) => runLabel(r)) : null, more);
-  // A cell is a text, an element, or [content, style]. Rows are arrays of cells; the first cell of a row is
-  // its heading.
+  // A cell is a string, an element, or [content, style]. Rows are arrays of cells; the first cell of a row is its
+  // heading.
   const table = (head, rows, rowStyle = () => '') => {
     const cell = (name, content) => {
       const [inside, style] = Array.isArray(content) ? content : [content, ''];

@@ -41,7 +41,7 @@ struct ReportViewer {
   std::string policy;  // directives for its images and its worker
 };
 
-// Returns the page about `runs`, of which there must be at least one. `made_by` is the version line of the
+// Returns the page about `runs`. There must be at least one run. `made_by` is the version line of the
 // program, for the page footer.
 ReportPage make_report(const std::vector<ReportRun>& runs, const std::string& made_by,
                        const ReportViewer& viewer = {});

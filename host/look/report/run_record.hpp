@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // RunRecord holds the contents of the folder of a training run: settings, log and measurements. read_run()
-// also reads incomplete folders as far as possible, such as those of runs that were killed, that lack files,
-// or that were created by an older or newer version. `remarks` then lists the missing parts.
+// also reads incomplete folders as far as possible, for example if the run was killed, if files are missing,
+// or if another version of ubs created the folder. `remarks` then lists the missing parts.
 #pragma once
 
 #include <filesystem>
@@ -43,9 +43,10 @@ struct RunRecord {
 // or has an invalid metrics.json or config.yaml.
 RunRecord read_run(const std::filesystem::path& folder);
 
-// Returns the possible locations of the data folder whose path `data` a run has recorded. A relative path was
-// relative to the folder in which training was started, which is not recorded. Therefore the result contains
-// two locations: relative to the current working folder, and relative to the folder that contains the run.
+// Returns the possible locations of a data folder. `data` is its path as recorded in the folder `run`. If
+// this path is relative, its base is the folder in which training was started, which is not recorded. The
+// result then contains two locations: relative to the current working folder, and relative to the folder that
+// contains `run`.
 std::vector<std::filesystem::path> data_places(const std::string& data, const std::filesystem::path& run);
 
 // Reads the text of a log.csv. The first line contains the names of the columns, which may be in any order.

@@ -73,8 +73,8 @@ void add_betas(Collector& out, const ModelVariant& variant) {
       out.add({name + " conditioning",
                "weight",
                variant.learnt_weights()
-                   ? "sigmoid(lambda): how far the splat moves with the query"
-                   : "min(exp(b), 1): how far the splat moves with the query; a Gaussian has 1",
+                   ? "sigmoid(lambda): factor of the motion with the query"
+                   : "min(exp(b), 1): factor of the motion with the query (Gaussians: 1)",
                false,
                true,
                {}},
@@ -82,7 +82,7 @@ void add_betas(Collector& out, const ModelVariant& variant) {
   };
   add("direction", "4 exp(b); low: diffuse, high: visible from few directions only", directions);
   add("time", "4 exp(b); low: static, high: visible only for a short time", time);
-  add("further query", "4 exp(b) of the query dimensions after time", further);
+  add("further query", "4 exp(b), for query dimensions other than direction and time", further);
 }
 
 void add_scales(Collector& out, const ModelVariant& variant) {
@@ -107,7 +107,7 @@ void add_scales(Collector& out, const ModelVariant& variant) {
         [which](Layout l) { return shifted(l.scale + 3, which(l)); },
         direct ? +[](double raw) { return 1 / softplus(raw); } : softplus);
   };
-  add("direction scale", "relative to a unit direction", directions);
+  add("direction scale", "relative to a view direction of length 1", directions);
   add("time scale", "relative to the duration of the scene", time);
   add("further query scale", "query units", further);
 }

@@ -203,8 +203,8 @@ void LiveTraining::stay(const std::function<bool()>& ends) {
 }
 
 std::string LiveTraining::summary() const {
-  return fmt::format("{} images in {}, {:.1f} % of the time", own_->pictures, duration_text(own_->spent),
-                     100 * own_->spent / own_->begun.seconds());
+  return fmt::format("{} images rendered in {}, {:.1f} % of the training time", own_->pictures,
+                     duration_text(own_->spent), 100 * own_->spent / own_->begun.seconds());
 }
 
 void serve_model(Server& server, ModelSession& session, const MixedModel& model, const Scene& scene) {

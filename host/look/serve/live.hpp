@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// LiveTraining and serve_model() show a training or a model in the browser (docs/web.md). In a build without
-// the server (without cpp-httplib or OpenCV, or with UBS_SERVE=OFF), the constructor of Server throws
+// LiveTraining and serve_model() show live training or a model in the browser (docs/web.md). In a build
+// without the server (without cpp-httplib or OpenCV, or with UBS_SERVE=OFF), the constructor of Server throws
 // Error(usage).
 #pragma once
 
@@ -31,9 +31,9 @@ struct Scene {
   bool has_time = false;
 };
 
-// LiveTraining serves a training. All functions must be called from the training thread. Images are rendered
-// between training steps, as many as fit into their share of the time. Rendering does not change the result:
-// the model is bit-identical to that of a training without a server.
+// LiveTraining shows a training run in the browser. All functions must be called from the training thread.
+// Images are rendered between training steps, as many as fit into their share of the time. Rendering does not
+// change the result: the model is bit-identical to that of a training run without a server.
 class LiveTraining {
  public:
   // Compiles the kernels, renders a first image, and starts to answer requests. `share` is the percentage of
@@ -45,8 +45,8 @@ class LiveTraining {
 
   // Records the report of a step. Publishes the state if the report contains a loss or a test, or if more
   // than a second has passed since the last time. Then renders an image if one is requested, if the share of
-  // the time allows it, and if the training `continues`. After a signal or the last step, `continues` is
-  // false, so that the model is saved before images are rendered.
+  // the time allows it, and if training `continues`. After a signal or the last step, `continues` is false,
+  // so that the model is saved before images are rendered.
   void step(const StepReport& report, bool continues);
   // Renders images of the final state. No image is started after two seconds. The function waits for requests
   // only if images were rendered in the last ten seconds. Call it after saving the model.
@@ -57,7 +57,7 @@ class LiveTraining {
   // Renders images of the final state until `ends` returns true or has_viewer() returns false. Both are
   // checked after each image, and at least once per second while no image is requested. Call it after end().
   void stay(const std::function<bool()>& ends);
-  // Returns a text with the number of rendered images, the time that they took, and the percentage of the
+  // Returns a string with the number of rendered images, the time that they took, and the percentage of the
   // time since the constructor.
   std::string summary() const;
 

@@ -1,9 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// This is the script of the page that shows a live training or model. The page controls the camera, and the
-// server renders the images. The page requests one image at a time. When the image has arrived and another one
-// is needed, the page requests it for the newest camera. While the camera moves, images have as many pixels as the
-// server can render a few times per second. When it is at rest, images have as many pixels as the server can
-// render within 5 seconds.
+// This is the script of the page that shows live training or a model. The page controls the camera, and the server
+// renders the images. The page requests one image at a time. When the image has arrived and another one is needed, the
+// page requests it for the newest camera. While the camera moves, images have as many pixels as the server can render a
+// few times per second. When it is at rest, images have as many pixels as the server can render within 5 seconds.
 'use strict';
 
 const MOVING_SECONDS = 0.25, REST_SECONDS = 5, REST_MS = 400, REFRESH_MS = 1000, MAX_PIXELS = 1 << 21;
@@ -65,8 +64,8 @@ class Live {
     this.changed = performance.now();
     markUnseen(this.find('.stage'), this.camera, this.options);
     this.dirty = true;
-    // An image for a camera at rest may take long to render, so cancel its request: ask() sends a new one for the new
-    // camera.
+    // An image for a camera at rest may take a long time to render, so cancel its request: ask() sends a new one for
+    // the new camera.
     if (this.waiting && this.resting) this.waiting.abort();
     this.ask();
   }
@@ -93,7 +92,7 @@ class Live {
     if (!size) return;  // the ResizeObserver calls again when the canvas has a size
     this.waiting = new AbortController();
     ++this.asked;
-    // During a training, images become outdated, so they are requested again and again.
+    // During training, images become outdated, so they are requested again and again.
     let again = this.options.training && !this.ended;
     try {
       await this.draw(await this.request(...size));

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Painter renders images for the clients of the server. It has buffers of its own, so that it does not change
-// the state of a training. Clients may send any camera, so Painter refuses views that would need too much
+// the state of a training run. Clients may send any camera, so Painter refuses views that would need too much
 // memory.
 #pragma once
 

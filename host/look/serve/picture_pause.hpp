@@ -5,7 +5,7 @@
 
 namespace ubs::serve {
 
-// PicturePause limits the rendering of images during a training to a share of the time: after an image that
+// PicturePause limits the rendering of images during training to a share of the time: after an image that
 // took t seconds, no image is rendered for t (1 - share) / share seconds. The pause is proportional to the
 // cost of the last image, so a cheap image of one viewer delays the others only briefly, and unused time does
 // not accumulate.

@@ -104,14 +104,14 @@ class ViewCamera {
     });
   }
 
-  // Returns the camera as a text for links.
+  // Returns the camera as a string for links.
   text() {
     const numbers =
         [...this.centre, ...this.axes.flat(), this.distance, this.lens.fx / this.lens.width, this.time];
     return numbers.map((v) => Number(v.toPrecision(6))).join(',');
   }
 
-  // Sets the camera from a text that text() returned. Returns false for other texts.
+  // Sets the camera from a string that text() returned. Returns false for other strings.
   read(text) {
     const v = text.split(',').map(Number);
     if (v.length !== 15 || !v.every(Number.isFinite) || !(v[12] > 0 && v[13] > 0)) return false;

@@ -78,8 +78,8 @@ class Picture {
     if (!gl) throw new Error('This browser has no WebGL 2.');
     this.gl = gl;
     this.canvas = canvas;
-    // Use 32-bit floats if the device can blend them, and 16-bit floats otherwise. Blending back to front keeps 16-bit
-    // values more accurate than accumulating from the front.
+    // Use 32-bit floats if the device can blend them, and 16-bit floats otherwise. Splats are blended back to front,
+    // because this is more accurate than front to back with 16-bit floats.
     const floats = gl.getExtension('EXT_color_buffer_float');
     this.format = floats && gl.getExtension('EXT_float_blend') ? gl.RGBA32F : gl.RGBA16F;
     if (!floats && !gl.getExtension('EXT_color_buffer_half_float'))
