@@ -158,7 +158,7 @@ TEST_CASE("cli: a run with a time budget records settings that reproduce it") {
   CHECK(same);
   // The recorded settings are only valid with the run's own number of iterations.
   check_error(folder, "train --data data --out x --spec run/config.yaml --iterations 99999", 2,
-              "depends on the number of iterations");
+              "does not match iterations");
   check_error(folder, "train --data data --out x --budget soon", 2, "90s");
   check_error(folder, "train --data data --out x --budget 1ms", 2, "90s");
   // Settings that the user passes are kept, even if they equal the default.

@@ -226,7 +226,7 @@ TEST_CASE("a renderer reads Gaussians from arrays of the program") {
     renderer.set_gaussians(one.to_c());
     CHECK(renderer.draw(camera).alpha == std::vector<float>(kWidth * kHeight));
     renderer.vjp(camera, v, {}, nullptr);
-    check_usage("3 Gaussians with 4 bases, but 1 with 4",
+    check_usage("count = 3 and bases = 4, but the rendered Gaussians have count = 1",
                 [&] { renderer.get_gaussian_gradients(gradient.to_c()); });
     renderer.set_gaussians(Gaussians(0).to_c());
     CHECK(renderer.draw(camera).alpha == std::vector<float>(kWidth * kHeight));

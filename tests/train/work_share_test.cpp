@@ -244,7 +244,7 @@ TEST_CASE("work share: invalid points are rejected", "[schedule]") {
               .find("work_shares must be") != std::string::npos);
   for (const char* wrong : {"50:0.5,101:0.6", "50:0.5,99:1", "100:0.5"})
     CHECK(message_of([&] { validate(settings_of(100, wrong)); }, ErrorKind::usage)
-              .find("depends on the number of iterations") != std::string::npos);
+              .find("does not match iterations") != std::string::npos);
   validate(settings_of(100, "50:0.5,100:1"));
   validate(settings_of(100, "50:0.5@20,21:0.4,100:1"));
 }
