@@ -21,8 +21,8 @@ Findings check_networks(Device& device) {
   Lpips lpips(device, *ops, network, weights);
   worst.add("LPIPS", std::abs(lpips.distance(up.a, up.b, LpipsRange::signed_one) - expected.lpips), 6e-7);
   ImageMetrics metrics(device, {});
-  worst.add("SSIM of windows inside the image", std::abs(metrics.valid_ssim(up.a, up.b).value_or(NAN) - expected.ssim),
-            1.4e-7);
+  worst.add("SSIM of windows inside the image",
+            std::abs(metrics.valid_ssim(up.a, up.b).value_or(NAN) - expected.ssim), 1.4e-7);
   return {worst.finding()};
 }
 

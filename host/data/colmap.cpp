@@ -104,9 +104,9 @@ ColmapCamera make_colmap_camera(const std::string& model, std::uint64_t width, s
   if (parameters.size() != names.size())
     fail(ErrorKind::data, "{}: model {} has {} parameters ({}), found {}", where, model, names.size(),
          row.parameters, parameters.size());
-  if (width < 1 || height < 1 || width > 65535 || height > 65535)
-    fail(ErrorKind::data, "{}: the image size {}x{} is not possible: width and height must be 1 to 65535",
-         where, width, height);
+  if (width < 1 || height < 1 || width > kMaxPixelsAcross || height > kMaxPixelsAcross)
+    fail(ErrorKind::data, "{}: the image size {}x{} is not possible: width and height must be 1 to {}", where,
+         width, height, kMaxPixelsAcross);
   ColmapCamera camera{model, {}};
   camera.lens.formula = row.formula;
   camera.lens.width = static_cast<int>(width);

@@ -382,11 +382,11 @@ void refuse_foreign_lens(const Node& node) {
   if (!shutter.is_array() || !std::ranges::all_of(shutter, [](const Json& v) { return v.is_number(); }))
     fail(ErrorKind::data, "{}: 'rolling_shutter' must be an array of numbers", node.where);
   if (std::ranges::any_of(shutter, [](const Json& v) { return v.get<double>() != 0; }))
-    fail(
-        ErrorKind::data,
-        "{}: 'rolling_shutter' is not supported: correct the images, or set all of its values to 0 to use one "
-        "pose for each image",
-        node.where);
+    fail(ErrorKind::data,
+         "{}: 'rolling_shutter' is not supported: correct the images, or set all of its values to 0 to use "
+         "one "
+         "pose for each image",
+         node.where);
 }
 
 }  // namespace

@@ -64,8 +64,8 @@ bool has_image_extension(const std::filesystem::path& path);
 std::vector<std::filesystem::path> pictures_in(const std::filesystem::path& folder);
 // Returns a string that says how to convert HEIC photographs, camera RAW photographs and videos, which ubs
 // does not read as images. `path` is such a file, or a folder that contains such files itself or in its
-// subfolder `images`. The text names the kind of the files and contains the command that converts them to
-// images. For other paths the text is empty.
+// subfolder `images`. The string names the kind of the files and contains the command that converts them
+// to images. For other paths it is empty.
 std::string how_to_make_images(const std::filesystem::path& path);
 // Returns the names of the files in the folder that contain cameras, such as transforms.json, separated by
 // commas. The text is empty if there are no such files.

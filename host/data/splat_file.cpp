@@ -229,8 +229,8 @@ constexpr OtherFile kOthers[] = {
     {[](const FileStart& s) { return is_ply(s) && !has_property(s, " scale_0") && has_property(s, " x"); },
      [](const FileStart& s) {
        return fmt::format(
-           "a point cloud of {} points, no splats: point clouds can only be used as initial points of a "
-           "training, in a data folder",
+           "a point cloud of {} points, no splats: point clouds can only be used in a data folder, as "
+           "initial points for training",
            rows_of(s, "vertex"));
      }},
     {[](const FileStart& s) {

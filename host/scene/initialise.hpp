@@ -18,8 +18,8 @@ struct InitOptions {
   double box = 1.3;  // half the side of the cube, around `centre`, that random points fill
   std::array<double, 3> centre{0, 0, 0};
   double opacity = 0.5;
-  // Raw betas of the direction. If empty, they are -3 if N = 7 and the weights of the query dimensions are not
-  // learnt, and 0 in all other cases.
+  // Raw betas of the direction. If empty, they are -3 if N = 7 and the weights of the query dimensions are
+  // not learnt, and 0 in all other cases.
   std::optional<double> beta_dir;
   double beta_query = 0;           // raw betas of the other query dimensions
   ModelVariant variant;

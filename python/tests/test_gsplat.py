@@ -302,7 +302,8 @@ def test_projection_on_the_device(name: str, packed: bool, fused_calls: list[boo
     if name in OTHER_CHANNELS:
         errors = compare(case(name), f"projected, {name}", packed, CAMERA, **CASES[name])
         assert fused_calls == [True]
-        return within(errors)
+        # Gradients of the mode ED are less accurate. The largest error observed is 7.1e-6, of quats.
+        return within(errors, **({"quats": 1.4e-5} if name == "expected depth" else {}))
     plain = "rgb" in name
     s, degree = case("rgb" if plain else "sh 3"), 1 if name == "1 of 3" else int(name) if name.isdigit() else 3
     options: Any = {} if plain else {"sh_degree": degree}
@@ -461,10 +462,10 @@ def test_calls_that_the_device_cannot_project(change: str, fused_calls: list[boo
     assert not fused_calls and float(images.max()) > 0.1 and meta["conics"].shape[-1] == 3
 
 
-def within(errors: dict[str, float]) -> None:
+def within(errors: dict[str, float], **others: float) -> None:
     """Checks that errors are within their bounds. The largest errors observed on PoCL are 5.7e-7 for pixels and alpha,
-    2.8e-6 for depths, 6.0e-6 for the gradient of Ks, 7.1e-6 for that of quats, and 3.9e-6 for the other gradients."""
-    bounds = {"image": 1.1e-6, "alpha": 1.1e-6, "depth": 5.6e-6, "Ks": 1.2e-5, "quats": 1.4e-5}
+    2.8e-6 for depths, 6.0e-6 for the gradient of Ks, and 3.9e-6 for the other gradients. `others` are other bounds."""
+    bounds = {"image": 1.1e-6, "alpha": 1.1e-6, "depth": 5.6e-6, "Ks": 1.2e-5, **others}
     for name, error in errors.items():
         assert error <= bounds.get(name, 7.8e-6), f"the error of {name} is {error:.1e}, which exceeds its bound"
 
@@ -640,10 +641,12 @@ def test_what_is_changed_in_place_is_drawn() -> None:
     assert torch.allclose(picture(), 0.5 * before, atol=1e-6)
 
 
-def test_gradients_after_other_pictures() -> None:
+@pytest.mark.parametrize("learnt_cameras", [False, True])  # with True, PyTorch projects the Gaussians
+def test_gradients_after_other_pictures(learnt_cameras: bool, fused_calls: list[bool]) -> None:
     """Tests the gradient of alpha alone, the gradient of an image that was not rendered last, and two backward
     passes."""
     s = scene(channels=5)
+    s["viewmats"].requires_grad_(learnt_cameras)
     means = s["means"].clone().requires_grad_()
     first = rasterization(**{**s, "means": means}, width=WIDTH, height=HEIGHT)
     weights = torch.randn(first[0].shape)
@@ -652,6 +655,7 @@ def test_gradients_after_other_pictures() -> None:
     rasterization(**scene(splats=90, seed=5), width=30, height=20)
     (again,) = torch.autograd.grad((first[0] * weights).sum() + first[1].sum(), means)
     assert float((again - expected - of_alpha).norm() / again.norm()) < 1e-5
+    assert len(fused_calls) == (1 if learnt_cameras else 2)
 
 
 AUTOCAST: dict[str, dict[str, Any]] = {
@@ -700,9 +704,12 @@ def test_second_order_gradients_are_refused(fused_calls: list[bool]) -> None:
     assert fused_calls == [True, True]
 
 
-def test_threads_draw_what_one_draws() -> None:
+@pytest.mark.parametrize("learnt_cameras", [False, True])  # with True, PyTorch projects the Gaussians
+def test_threads_draw_what_one_draws(learnt_cameras: bool, fused_calls: list[bool]) -> None:
     """Tests that four threads that render at the same time get the same images and gradients as a single thread."""
     scenes = [scene(splats=50 + 60 * i, seed=i) for i in range(4)]
+    for s in scenes:
+        s["viewmats"].requires_grad_(learnt_cameras)
 
     def gradient(s: Tensors) -> Any:
         means = s["means"].clone().requires_grad_()
@@ -723,7 +730,7 @@ def test_threads_draw_what_one_draws() -> None:
         thread.start()
     for thread in threads:
         thread.join()
-    assert not wrong
+    assert not wrong and len(fused_calls) == (0 if learnt_cameras else 36)
 
 
 @pytest.mark.parametrize("model", ["pinhole", "ortho", "fisheye"])
@@ -832,12 +839,13 @@ def test_what_is_not_there_is_refused_by_name(word: str, changed: dict[str, Any]
     assert word in str(error.value) and "\n" not in str(error.value)
 
 
-def test_numbers_may_have_other_types() -> None:
+def test_numbers_may_have_other_types(fused_calls: list[bool]) -> None:
     """Tests that both ways of computing a call accept numbers of NumPy and PyTorch, and whole floating-point sizes."""
     s = scene(splats=30)
     s["colors"] = torch.randn(30, 4, 3)
-    for mode in ("RGB", "RGB+D"):
-        how: Any = {"sh_degree": 1, "packed": False, "render_mode": mode}
+    for learnt in (False, True):
+        s["viewmats"].requires_grad_(learnt)  # PyTorch projects the Gaussians if the cameras have gradients
+        how: Any = {"sh_degree": 1, "packed": False, "render_mode": "RGB+D"}
         expected, _, meta = rasterization(**s, **how, width=WIDTH, height=HEIGHT, near_plane=0.5, far_plane=90,
                                           eps2d=0.25)
         for kind in (np.float32, np.float64, np.array, torch.tensor):
@@ -854,7 +862,7 @@ def test_numbers_may_have_other_types() -> None:
         np.int64(HEIGHT),
         eps2d=torch.tensor(0.25), near_plane=torch.tensor(0.5), radius_clip=np.float32(0),  # type: ignore[arg-type]
     )[1]
-    assert torch.allclose(means2d, meta["means2d"], atol=1e-5)
+    assert torch.equal(means2d, meta["means2d"]) and len(fused_calls) == 5
 
 
 @pytest.mark.parametrize("zero", [slice(0, 4), slice(2, 3)])

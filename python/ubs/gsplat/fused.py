@@ -140,10 +140,10 @@ class Drawn:
 
     rgb: Tensor  # (H, W, 3)
     alpha: Tensor  # (H, W)
-    means2d: Tensor  # (n, 2) [px], computed with a depth of 1 for Gaussians that are not between the planes
-    depths: Tensor  # (n,)
-    extents: Tensor  # (n, 2), half the size of the rectangle around each ellipse [px]
-    opacities: Tensor  # (n,), those with which the Gaussians are rendered
+    # Only for the first pass of a camera: the positions (n, 2) [px], computed with a depth of 1 for Gaussians that are
+    # not between the planes, the depths (n,), half the sizes (n, 2) of the rectangles around the ellipses [px], and the
+    # opacities (n,) with which the Gaussians are rendered.
+    projected: list[Tensor]
     slot: GaussianSlot
     camera: Camera
     splats: Gaussians  # a result of GaussianSlot.readable()
@@ -179,8 +179,11 @@ def supports(
     return rigid and bool((viewmats[:, 3] == last).all())
 
 
-def draw(splats: Gaussians, form: GaussianForm, cameras: list[Camera], device: DeviceLike) -> list[Drawn] | None:
-    """Renders the image of each camera. Returns None if the device does not share its memory."""
+def draw(
+    splats: Gaussians, form: GaussianForm, cameras: list[Camera], first: bool, device: DeviceLike
+) -> list[Drawn] | None:
+    """Renders the image of each camera. `first` says whether this is the first pass of these cameras. Returns None if
+    the device does not share its memory."""
     slot: GaussianSlot = slot_for(device, len(splats.means), form)
     where = splats.means.device
     if not slot.shared:
@@ -192,11 +195,11 @@ def draw(splats: Gaussians, form: GaussianForm, cameras: list[Camera], device: D
         slot.put(readable)
         for camera in cameras:
             rgb, alpha = slot.draw(camera, where, recorded)
-            names = ("means2d", "depths", "extents")
-            points, depths, extents = (slot.array(name).to(where, copy=True) for name in names)
-            # Without antialiasing, these are the opacities of the Gaussians.
-            strength = slot.array("opacities").to(where, copy=True) if form.antialiased else splats.opacities
-            found.append(Drawn(rgb, alpha, points, depths, extents, strength, slot, camera, readable))
+            names = ("means2d", "depths", "extents", *(("opacities",) if form.antialiased else ()))
+            projected = [slot.array(name).to(where, copy=True) for name in names] if first else []
+            if first and not form.antialiased:
+                projected.append(splats.opacities)
+            found.append(Drawn(rgb, alpha, projected, slot, camera, readable))
     return found
 
 
@@ -307,7 +310,7 @@ def _passes(
     passes: list[list[tuple[Drawn, Gaussians]]] = [[] for _ in cameras]
     for colours, shape, chosen in parts:
         part = replace(splats, colors=colours)
-        drawn = draw(part, shape, [cameras[k] for k in chosen], device)
+        drawn = draw(part, shape, [cameras[k] for k in chosen], not passes[chosen[0]], device)
         if drawn is None:
             return None
         for k, image in zip(chosen, drawn):
@@ -332,8 +335,7 @@ def render(
     if passes is None:
         return None
     planes = form.planes
-    firsts = [images[0][0] for images in passes]
-    computed = [[image.means2d, image.depths, image.extents, image.opacities] for image in firsts]
+    computed = [images[0][0].projected for images in passes]
     points, depths, extents, strength = (stacked(list(tensors)) for tensors in zip(*computed))
     points, depths, second = Project.apply(splats.means, viewmats, ks, planes, points, depths)
     opacities = splats.opacities.expand_as(depths)
