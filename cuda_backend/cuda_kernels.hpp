@@ -113,6 +113,12 @@ AppearanceTable appearance_kernels();
 using SkyTable = KernelTable<DrawSkyKernel, SkyVjpKernel, RowSumsKernel, SkyGradientKernel, SkyStepKernel>;
 SkyTable sky_kernels();
 
+// ImageGradientTable contains the kernels of kernels/map/image_gradient.cl, which loss_kernels.cu compiles.
+// They have one thread per pixel or splat.
+using ImageGradientTable = KernelTable<AlphaToColoursKernel, DepthColumnsKernel, RowSumsKernel,
+                                       DepthToRecordsKernel, DepthToImageKernel, DepthFromRecordsKernel>;
+ImageGradientTable image_gradient_kernels();
+
 // DrawnTable contains the kernels of kernels/map/drawn.cl, which list_kernels.cu compiles. They have one
 // thread per element.
 using DrawnTable = KernelTable<MarkDrawnKernel, PickDrawnKernel, UnpackDrawnKernel, SpreadGradientKernel>;

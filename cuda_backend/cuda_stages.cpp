@@ -16,6 +16,7 @@ namespace {
 
 using Appearance = AppearanceStages<MapKernels<AppearanceTable>>;
 using Sky = SkyStages<MapKernels<SkyTable>>;
+using ImageGradients = ImageGradientStages<MapKernels<ImageGradientTable>>;
 using Drawn = DrawnStages<MapKernels<DrawnTable>, Sums>;
 using ParameterChanges = ParameterStages<MapKernels<ParameterKernels>, Sums>;
 
@@ -24,7 +25,15 @@ MapKernels<ParameterKernels> parameters(CudaDevice& device, const KernelConfig& 
 }
 
 // Each base class has run() for some of the operations, and launches their kernels.
-struct Kernels : Projection, Lists, Raster, ImageLossKernels, Appearance, Sky, ParameterChanges, Drawn {
+struct Kernels : Projection,
+                 Lists,
+                 Raster,
+                 ImageLossKernels,
+                 Appearance,
+                 Sky,
+                 ParameterChanges,
+                 ImageGradients,
+                 Drawn {
   Kernels(CudaDevice& device, const KernelConfig& config)
       : Projection(device, config),
         Lists(device),
@@ -34,10 +43,11 @@ struct Kernels : Projection, Lists, Raster, ImageLossKernels, Appearance, Sky, P
         Sky(device, {device, sky_kernels}, {device, sky_kernels}),
         ParameterChanges(device, config, parameters(device, config), parameters(device, config),
                          Sums(device)),
+        ImageGradients(device, {device, image_gradient_kernels}),
         Drawn(device, {device, drawn_kernels}, Sums(device)) {}
 
   using Projection::run, Lists::run, Raster::run, Appearance::run, Sky::run, ParameterChanges::run,
-      Drawn::run;
+      ImageGradients::run, Drawn::run;
   void run(const ImageLoss& a) {
     with_colours(a, [&](const ImageLoss& mapped) { ImageLossKernels::run(mapped); });
   }

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // This file contains the kernels of the image loss (kernels/gpu/loss.cl), once without and once with a mask,
-// and the kernels of the appearance of photographs (kernels/map/appearance.cl and appearance_step.cl).
+// the kernels of the appearance of photographs (kernels/map/appearance.cl and appearance_step.cl), and those
+// that convert gradients of images (kernels/map/image_gradient.cl).
 #include <cuda_runtime.h>
 #include <math.h>
 
@@ -20,6 +21,7 @@ namespace {
 #include "kernels/map/row_sums.cl"
 #include "kernels/map/appearance.cl"
 #include "kernels/map/appearance_step.cl"
+#include "kernels/map/image_gradient.cl"
 
 namespace plain {
 #include "kernels/gpu/loss.cl"
@@ -36,6 +38,10 @@ static_assert(LOSS_GROUP == kLossBlock && LOSS_TOTAL_GROUP == kLossTotalBlock);
 
 AppearanceTable appearance_kernels() {
   return {map_colours, map_colours_vjp, row_sums, appearance_gradient, appearance_step};
+}
+
+ImageGradientTable image_gradient_kernels() {
+  return {alpha_to_colours, depth_columns, row_sums, depth_to_records, depth_to_image, depth_from_records};
 }
 
 LossKernels loss_kernels(bool with_mask) {

@@ -31,7 +31,9 @@ struct ubs_renderer {
   std::optional<ubs_camera> kept;
   // Camera of the last gradient; empty if there is no valid gradient.
   std::optional<ubs::Camera> differentiated;
-  ubs::ImageShape v_rgb_shape;  // size of UBS_ARRAY_V_RGB when it was last returned
+  std::optional<ubs::ImageBackward> backward;  // created with the session
+  // Sizes of UBS_ARRAY_V_RGB, UBS_ARRAY_V_ALPHA and UBS_ARRAY_V_DEPTH when they were last returned.
+  ubs::ImageShape v_rgb_shape, v_alpha_shape, v_depth_shape;
   // True if computing the gradient of alpha or depth has overwritten the image on the device.
   bool painted_over = false;
 };
@@ -169,9 +171,15 @@ void put_picture(ubs_array& array, const ImageShape& shape, bool planes) {
   std::copy_n(steps, array.dims, array.strides);
 }
 
-bool is_v_rgb(ubs_renderer& renderer, const float* rgb) {
-  const Memory* memory = renderer.session->renderer().v_image().memory;
-  return rgb && memory && memory->address().pointer == rgb;
+// Returns whether `values`, a gradient with respect to the pixels of the view, is the array `name` of the
+// renderer, whose memory is `plane`. Throws Error(usage) if this array has another size than the view.
+bool is_array(const char* name, BufferView<float> plane, const float* values, const ImageShape& size,
+              const Camera& view) {
+  if (!values || !plane.memory || plane.memory->address().pointer != values) return false;
+  if (size.width != view.width || size.height != view.height)
+    fail(ErrorKind::usage, "{} was requested for views of {}x{} pixels, but this view has {}x{}", name,
+         size.width, size.height, view.width, view.height);
+  return true;
 }
 
 // Converts a user-defined falloff. Throws Error(usage) if the kernels of the model have no beta, or if an
@@ -256,6 +264,8 @@ ubs_status ubs_renderer_create_falloff(ubs_device* device, const ubs_model* mode
     } else {
       created->session.emplace(created->open->device, loaded.model, values, config);
     }
+    ModelSession& session = *created->session;
+    created->backward.emplace(session.device(), session.stages(), session.renderer());
     return created;
   });
 }
@@ -344,17 +354,16 @@ ubs_status ubs_renderer_vjp(ubs_renderer* renderer, const ubs_camera* camera,
            "there is no image to differentiate: render one with for_gradient, or pass the camera");
     const ubs_camera seen = camera ? taken(camera, "camera") : *r.kept;
     const Camera view = camera_for(r.shape, &seen);
-    const bool on_device = is_v_rgb(r, v.rgb);
-    const std::span<const float> rgb(v.rgb, v.rgb && !on_device ? 3 * pixels_of(view) : 0);
-    const std::span<const float> alpha(v.alpha, v.alpha ? pixels_of(view) : 0);
-    const std::span<const float> depth(v.depth, v.depth ? pixels_of(view) : 0);
+    const auto [v_rgb_at, v_alpha_at, v_depth_at] =
+        std::array{is_array("UBS_ARRAY_V_RGB", r.session->renderer().v_image(), v.rgb, r.v_rgb_shape, view),
+                   is_array("UBS_ARRAY_V_ALPHA", r.backward->v_alpha(), v.alpha, r.v_alpha_shape, view),
+                   is_array("UBS_ARRAY_V_DEPTH", r.backward->v_depth(), v.depth, r.v_depth_shape, view)};
+    const std::span<const float> rgb(v.rgb, v.rgb && !v_rgb_at ? 3 * pixels_of(view) : 0);
+    const std::span<const float> alpha(v.alpha, v.alpha && !v_alpha_at ? pixels_of(view) : 0);
+    const std::span<const float> depth(v.depth, v.depth && !v_depth_at ? pixels_of(view) : 0);
     need_gradients(r);
     if (v.depth && !(r.flags & UBS_RENDER_DEPTH))
       fail(ErrorKind::usage, "the renderer was created without UBS_RENDER_DEPTH");
-    if (on_device && (v.alpha || r.v_rgb_shape.width != view.width || r.v_rgb_shape.height != view.height))
-      fail(ErrorKind::usage,
-           "UBS_ARRAY_V_RGB is only available for views of {}x{} pixels without a gradient of alpha",
-           r.v_rgb_shape.width, r.v_rgb_shape.height);
     check_finite(rgb, "v_image.rgb");
     check_finite(alpha, "v_image.alpha");
     check_finite(depth, "v_image.depth");
@@ -368,7 +377,7 @@ ubs_status ubs_renderer_vjp(ubs_renderer* renderer, const ubs_camera* camera,
       session.renderer().forward(groups_to_draw(r), 0, session.settings(), true);
     }
     r.painted_over = v.alpha || v.depth;
-    backward_from_image(session.device(), session.renderer(), {rgb, alpha, depth, on_device}, buffers);
+    r.backward->run({rgb, alpha, depth, v_rgb_at, v_alpha_at, v_depth_at}, buffers);
     if (gradient) download(r, gradient->loaded.model);
     r.differentiated = camera_from(seen);
     if (!r.painted_over) r.kept = seen;
@@ -447,6 +456,15 @@ ubs_status ubs_renderer_get_array(ubs_renderer* renderer, ubs_array_name name, u
       fail(ErrorKind::usage,
            "computing the gradient of alpha or depth has overwritten the image: render it again");
     need_addresses(r);
+    ImageShape picture = session.renderer().shape();  // size of arrays of pixels
+    // Returns the size of the view that an array for a gradient of the image is requested for.
+    const auto shape_of_array = [&] {
+      need_gradients(r);
+      for (const std::int64_t side : {out.shape[0], out.shape[1]})
+        if (side < 1 || side > kMaxArraySide)
+          fail(ErrorKind::usage, "array.shape: {} pixels are not supported", side);
+      return picture = {static_cast<int>(out.shape[1]), static_cast<int>(out.shape[0])};
+    };
     BufferView<float> found;
     // For arrays of records: the position of the first value, the distance between the values of two splats,
     // and the number of values per splat, 1 or 2.
@@ -467,12 +485,16 @@ ubs_status ubs_renderer_get_array(ubs_renderer* renderer, ubs_array_name name, u
         found = session.renderer().depth();
         break;
       case UBS_ARRAY_V_RGB:
-        need_gradients(r);
-        for (const std::int64_t side : {out.shape[0], out.shape[1]})
-          if (side < 1 || side > kMaxArraySide)
-            fail(ErrorKind::usage, "array.shape: {} pixels are not supported", side);
-        r.v_rgb_shape = {static_cast<int>(out.shape[1]), static_cast<int>(out.shape[0])};
+        r.v_rgb_shape = shape_of_array();
         found = session.renderer().v_image(r.v_rgb_shape);
+        break;
+      case UBS_ARRAY_V_ALPHA:
+        r.v_alpha_shape = shape_of_array();
+        found = r.backward->v_alpha(r.v_alpha_shape);
+        break;
+      case UBS_ARRAY_V_DEPTH:
+        r.v_depth_shape = shape_of_array();
+        found = r.backward->v_depth(r.v_depth_shape);
         break;
       case UBS_ARRAY_GRADIENT:
         need_rows(r, "UBS_ARRAY_GRADIENT");
@@ -519,8 +541,7 @@ ubs_status ubs_renderer_get_array(ubs_renderer* renderer, ubs_array_name name, u
       out.shape[0] = count, out.shape[1] = static_cast<std::int64_t>(values);
       out.strides[0] = static_cast<std::int64_t>(stride), out.strides[1] = 1;
     } else {
-      put_picture(out, name == UBS_ARRAY_V_RGB ? r.v_rgb_shape : session.renderer().shape(),
-                  name == UBS_ARRAY_RGB || name == UBS_ARRAY_V_RGB);
+      put_picture(out, picture, name == UBS_ARRAY_RGB || name == UBS_ARRAY_V_RGB);
     }
     put(array, out, "array");
   });

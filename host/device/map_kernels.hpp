@@ -125,6 +125,20 @@ using SkyStepKernel = void(float* state, const float* gradients, u32 views, floa
                            float inverse_sqrt_bias2, u32* sentinel, u32 stamp);
 inline constexpr Declared<SkyStepKernel> kSkyStep{"sky_step"};
 
+using AlphaToColoursKernel = void(int width, int pitch, int rows, const float* v_alpha,
+                                  const float* transmittance, float* image, float* v_image);
+inline constexpr Declared<AlphaToColoursKernel> kAlphaToColours{"alpha_to_colours"};
+using DepthColumnsKernel = void(int width, int height, int pitch, const float* depth, const float* v_depth,
+                                float* sums);
+inline constexpr Declared<DepthColumnsKernel> kDepthColumns{"depth_columns"};
+using DepthToRecordsKernel = void(u32 count, const float* sums, int pitch, float* records);
+inline constexpr Declared<DepthToRecordsKernel> kDepthToRecords{"depth_to_records"};
+using DepthToImageKernel = void(int width, int height, int pitch, int rows, const float* sums,
+                                const float* depth, const float* v_depth, float* image, float* v_image);
+inline constexpr Declared<DepthToImageKernel> kDepthToImage{"depth_to_image"};
+using DepthFromRecordsKernel = void(u32 count, const float* earlier, float* v_records);
+inline constexpr Declared<DepthFromRecordsKernel> kDepthFromRecords{"depth_from_records"};
+
 using MarkDrawnKernel = void(const u32* tile_counts, u32 count, u32* marks);
 inline constexpr Declared<MarkDrawnKernel> kMarkDrawn{"mark_drawn"};
 using PickDrawnKernel = void(const float* records, const u32* tile_rects, const u32* places, u32 count,

@@ -110,6 +110,44 @@ class AppearanceStages {
   Buffer<float> mapped_, sums_;
 };
 
+// ImageGradientStages runs AlphaToColours, DepthToRecords, DepthToImage and DepthFromRecords. `kernels`
+// contains the kernels of image_gradient.cl, compiled with one lane.
+template <typename Kernels>
+class ImageGradientStages {
+ public:
+  ImageGradientStages(Device& device, Kernels kernels) : device_(device), kernels_(std::move(kernels)) {}
+
+  void run(const AlphaToColours& a) {
+    check_image_gradient(a.shape, {a.v_alpha, a.transmittance}, {a.image, a.v_image});
+    const ImageShape& s = a.shape;
+    kernels_.launch_each(kAlphaToColours, s.width, s.height, s.width, s.pitch(), s.rows(), a.v_alpha,
+                         a.transmittance, a.image, a.v_image);
+  }
+  void run(const DepthToRecords& a) {
+    check_image_gradient(a.shape, {a.depth, a.v_depth}, {});
+    const ImageShape& s = a.shape;
+    reserve(device_, sums_, "depth sums", 2 * static_cast<std::size_t>(s.pitch()));
+    kernels_.launch_each(kDepthColumns, s.pitch(), 1, s.width, s.height, s.pitch(), a.depth, a.v_depth,
+                         sums_.view());
+    kernels_.launch_each(kRowSums, 2, 1, sums_.view(), s.pitch(), 2);
+    kernels_.launch_each(kDepthToRecords, a.count, 1, a.count, sums_.view(), s.pitch(), a.records);
+  }
+  void run(const DepthToImage& a) {
+    check_image_gradient(a.shape, {a.depth, a.v_depth}, {a.image, a.v_image});
+    const ImageShape& s = a.shape;
+    kernels_.launch_each(kDepthToImage, s.pitch(), s.rows(), s.width, s.height, s.pitch(), s.rows(),
+                         sums_.view(), a.depth, a.v_depth, a.image, a.v_image);
+  }
+  void run(const DepthFromRecords& a) {
+    kernels_.launch_each(kDepthFromRecords, a.count, 1, a.count, a.earlier, a.v_records);
+  }
+
+ private:
+  Device& device_;
+  Kernels kernels_;
+  Buffer<float> sums_;
+};
+
 // DrawnStages runs PlaceDrawn, PickDrawn, UnpackDrawn and SpreadGradient with the kernels of drawn.cl.
 template <typename Kernels, typename Sums>
 class DrawnStages {

@@ -7,6 +7,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
+#include <initializer_list>
 
 #include "host/base/error.hpp"
 #include "host/device/stage_sizes.hpp"
@@ -186,6 +187,17 @@ inline void check_sky(const SkyStep& a) {
          a.step, a.state.size, kSkyState, a.gradient.size, gradients);
   if (a.sentinel.size > 0 && a.stamp == 0)
     fail(ErrorKind::internal, "sky: the stamp must not be 0 if a sentinel is passed");
+}
+
+// `planes` are buffers of one value per pixel, and `colours` are buffers of three.
+inline void check_image_gradient(const ImageShape& shape, std::initializer_list<BufferView<float>> planes,
+                                 std::initializer_list<BufferView<float>> colours) {
+  const auto too_small = [&](std::size_t channels) {
+    return [needed = channels * shape.plane()](const BufferView<float>& view) { return view.size < needed; };
+  };
+  if (std::ranges::any_of(planes, too_small(1)) || std::ranges::any_of(colours, too_small(3)))
+    fail(ErrorKind::internal, "image gradient: a buffer is too small for {}x{} pixels", shape.width,
+         shape.height);
 }
 
 inline void check_appearance(const AppearanceStep& step) {

@@ -405,6 +405,41 @@ struct SplitSources {
   BufferView<float> moment1, moment2;
 };
 
+// The next four operations convert gradients with respect to alpha and depth into gradients with respect to
+// colours, which RasterBackward computes with. host/pipeline/image_gradient.hpp explains the method. All
+// images have the layout of RasterForward: (rows, pitch), or (3, rows, pitch).
+
+// Changes one channel of each pixel of `image`, so that RasterBackward computes the gradient of colours and
+// alpha. If v_image is 0 or nearly 0 in all channels of a pixel, one of them is changed, too.
+struct AlphaToColours {
+  ImageShape shape;
+  BufferView<float> v_alpha, transmittance;
+  BufferView<float> image, v_image;  // in/out
+};
+// Replaces the colours of the projected splats by (z - z0, 1, 0). z is the depth of the splat. z0 is the mean
+// depth of the pixels whose depth has a gradient.
+struct DepthToRecords {
+  ImageShape shape;
+  BufferView<float> depth, v_depth;
+  std::uint32_t count = 0;
+  BufferView<float> records;  // in/out (count, kSplatStride)
+};
+// Replaces `image`, which RasterForward has rendered from the result of the last DepthToRecords, and v_image,
+// so that the next RasterBackward and SumSlots compute the gradient of depth as if it were a colour.
+struct DepthToImage {
+  ImageShape shape;
+  BufferView<float> depth, v_depth;
+  BufferView<float> image;    // in/out
+  BufferView<float> v_image;  // out
+};
+// Moves the gradient of this colour in v_records to the depths of the splats, and adds `earlier`, the
+// gradient of the projected splats that comes from colours and alpha.
+struct DepthFromRecords {
+  std::uint32_t count = 0;
+  BufferView<float> earlier;    // (count, kGradStride), or empty
+  BufferView<float> v_records;  // in/out (count, kGradStride)
+};
+
 // The next four operations serve views that several processes render together
 // (host/pipeline/shared_renderer.hpp). Each process sends the records of its visible splats, one after the
 // other, to the process that renders the view. Each record contains the tile rectangle in two values that are
@@ -444,7 +479,8 @@ using Operation =
     std::variant<ProjectForward, CountLists, BuildLists, RasterForward, ImageLoss, RasterBackward, SumSlots,
                  ProjectBackward, Regularise, AdamStep, Learn, Relocate, Grow, AddNoise, MeasureWeights,
                  CameraBackward, AppearanceStep, SamplingWeights, SplitSources, DrawSky, SkyGradient, SkyStep,
-                 PlaceDrawn, PickDrawn, UnpackDrawn, SpreadGradient>;
+                 AlphaToColours, DepthToRecords, DepthToImage, DepthFromRecords, PlaceDrawn, PickDrawn,
+                 UnpackDrawn, SpreadGradient>;
 
 // Names of the operations, in the order of the types of Operation.
 inline constexpr std::array<const char*, std::variant_size_v<Operation>> kOperationNames{"project_forward",
@@ -469,6 +505,10 @@ inline constexpr std::array<const char*, std::variant_size_v<Operation>> kOperat
                                                                                          "draw_sky",
                                                                                          "sky_gradient",
                                                                                          "sky_step",
+                                                                                         "alpha_to_colours",
+                                                                                         "depth_to_records",
+                                                                                         "depth_to_image",
+                                                                                         "depth_from_records",
                                                                                          "place_drawn",
                                                                                          "pick_drawn",
                                                                                          "unpack_drawn",
@@ -540,6 +580,10 @@ class Stages {
   void draw_sky(const DrawSky& a) { run(a); }
   void sky_gradient(const SkyGradient& a) { run(a); }
   void sky_step(const SkyStep& a) { run(a); }
+  void alpha_to_colours(const AlphaToColours& a) { run(a); }
+  void depth_to_records(const DepthToRecords& a) { run(a); }
+  void depth_to_image(const DepthToImage& a) { run(a); }
+  void depth_from_records(const DepthFromRecords& a) { run(a); }
   // Returns the number of visible splats.
   std::uint32_t place_drawn(const PlaceDrawn& a) { return std::get<std::uint32_t>(run(a)); }
   void pick_drawn(const PickDrawn& a) { run(a); }

@@ -14,6 +14,7 @@ namespace {
 
 using Appearance = AppearanceStages<MapKernels>;
 using Sky = SkyStages<MapKernels>;
+using ImageGradients = ImageGradientStages<MapKernels>;
 using Drawn = DrawnStages<MapKernels, Scan>;
 using ParameterChanges = ParameterStages<MapKernels, Scan>;
 
@@ -59,7 +60,15 @@ ProgramSpec draw_program(const KernelConfig& config) {
 }
 
 // Each base class has run() for some of the operations, and launches their kernels.
-struct Kernels : Projection, Lists, Raster, ImageLossKernels, Appearance, Sky, ParameterChanges, Drawn {
+struct Kernels : Projection,
+                 Lists,
+                 Raster,
+                 ImageLossKernels,
+                 Appearance,
+                 Sky,
+                 ParameterChanges,
+                 ImageGradients,
+                 Drawn {
   Kernels(OpenclDevice& device, const KernelConfig& config)
       : Projection(device, config),
         Lists(device, config),
@@ -74,10 +83,11 @@ struct Kernels : Projection, Lists, Raster, ImageLossKernels, Appearance, Sky, P
             {device, 1, small_step_program(device, {"math/adam.h", "map/sky.h", "map/sky_step.cl"})}),
         ParameterChanges(device, config, {device, lanes(device, config), step_program(device, config)},
                          {device, 1, draw_program(config)}, {device, config, draw_program(config)}),
+        ImageGradients(device, {device, 1, {"map/row_sums.cl", "map/image_gradient.cl"}}),
         Drawn(device, {device, 1, {"map/tile_rect.h", "map/drawn.cl"}}, {device, config}) {}
 
   using Projection::run, Lists::run, Raster::run, Appearance::run, Sky::run, ParameterChanges::run,
-      Drawn::run;
+      ImageGradients::run, Drawn::run;
   void run(const ImageLoss& a) {
     with_colours(a, [&](const ImageLoss& mapped) { ImageLossKernels::run(mapped); });
   }

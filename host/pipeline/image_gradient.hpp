@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// backward_from_image() converts a gradient with respect to the pixels of the last rendered view (colour,
-// alpha and depth) into the gradient with respect to the parameters.
+// ImageBackward converts a gradient with respect to the pixels of the last rendered view (colour, alpha and
+// depth) into the gradient with respect to the parameters.
 #pragma once
 
 #include <span>
@@ -9,19 +9,19 @@
 
 namespace ubs {
 
-struct ImageGradient {           // empty members count as zeros
+// ImageGradient holds the gradients with respect to the pixels. Those in host memory are in the spans. Others
+// may be in device memory instead, in the buffers Renderer::v_image(), ImageBackward::v_alpha() and
+// ImageBackward::v_depth(). All others are 0.
+struct ImageGradient {
   std::span<const float> rgb;    // (height, width, 3)
   std::span<const float> alpha;  // (height, width)
   std::span<const float> depth;  // (height, width); needs KernelConfig::depth and depth_grad
-  // Use the contents of Renderer::v_image() instead of `rgb`; `alpha` must be empty.
-  bool rgb_on_device = false;
+  bool rgb_on_device = false, alpha_on_device = false, depth_on_device = false;
+
+  bool has_alpha() const { return alpha_on_device || !alpha.empty(); }
+  bool has_depth() const { return depth_on_device || !depth.empty(); }
 };
 
-// The last forward pass of the renderer must have been called with for_backward = true. This function
-// overwrites the rendered image. If `depth` is not empty, it also overwrites the colours of the projected
-// splats. v_params has one buffer per group. If v_params is empty, the function only computes the gradient of
-// the projected splats, Renderer::v_records().
-//
 // Alpha: back ends only support a gradient with respect to colours. They process the splats of a pixel from
 // front to back. At each splat they compute the contribution of everything behind it from the image, as
 // v_rgb . (image - c), where c is the colour that has been composited so far. After the last splat,
@@ -37,8 +37,35 @@ struct ImageGradient {           // empty members count as zeros
 // is D = sum w z / W with W = sum w = alpha. Its gradient equals that of sum w (z - D) / W, where D and W are
 // held constant. In the pass, this is the gradient v_D / W of an image with the value D - z0 in front of the
 // background D - z0. Subtracting z0 keeps the differences precise in scenes that are far away from the
-// camera.
-void backward_from_image(Device& device, Renderer& renderer, const ImageGradient& v,
-                         std::span<const BufferView<float>> v_params);
+// camera. The green channel of the pass is W.
+class ImageBackward {
+ public:
+  // `stages` may be any stages of the device.
+  ImageBackward(Device& device, Stages& stages, Renderer& renderer)
+      : device_(device), stages_(stages), renderer_(renderer) {}
+
+  // Return a buffer (rows, pitch) for a view of this size, filled with zeros.
+  BufferView<float> v_alpha(const ImageShape& shape) { return plane(v_alpha_, shape); }
+  BufferView<float> v_depth(const ImageShape& shape) { return plane(v_depth_, shape); }
+  BufferView<float> v_alpha() const { return v_alpha_.view(); }
+  BufferView<float> v_depth() const { return v_depth_.view(); }
+
+  // The last forward pass of the renderer must have been called with for_backward = true. This function
+  // overwrites the rendered image if there is a gradient of alpha or depth, and the colours of the projected
+  // splats if there is one of depth. v_params has one buffer per group. If v_params is empty, the function
+  // only computes the gradient of the projected splats, Renderer::v_records().
+  void run(const ImageGradient& v, std::span<const BufferView<float>> v_params);
+
+ private:
+  BufferView<float> plane(Buffer<float>& buffer, const ImageShape& shape);
+  void colours_to_records(const ImageGradient& v);
+  void depth_to_records(const ImageGradient& v);
+
+  Device& device_;
+  Stages& stages_;
+  Renderer& renderer_;
+  Buffer<float> v_alpha_, v_depth_;
+  Buffer<float> earlier_;  // v_records of colours and alpha, while those of depth are computed
+};
 
 }  // namespace ubs

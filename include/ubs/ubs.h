@@ -305,7 +305,8 @@ typedef struct ubs_image {
 
 typedef struct ubs_image_gradient {
   size_t size;
-  /* An array that is NULL stands for a gradient of 0. */
+  /* An array that is NULL stands for a gradient of 0. UBS_ARRAY_V_RGB and the two similar arrays are in the
+   * memory of the device, and all others in host memory. The renderer does not check the values of the former. */
   const float* rgb;   /* (height, width, 3) */
   const float* alpha; /* (height, width) */
   const float* depth; /* (height, width); requires UBS_RENDER_DEPTH; ignored for pixels with alpha < 1e-6 */
@@ -432,7 +433,8 @@ typedef enum ubs_array_name {
   UBS_ARRAY_DEPTH = 3,         /* (height, width): depth of the last rendered image */
   /* An array (height, width, 3) for a gradient of the image. The program sets shape[0] to the height and
    * shape[1] to the width of the view before it requests the array. It then writes the gradient to the array,
-   * and passes the array to ubs_renderer_vjp as rgb, without a gradient of alpha. */
+   * and passes the array to ubs_renderer_vjp as rgb, which may overwrite it. When the array is requested, its
+   * values are 0. */
   UBS_ARRAY_V_RGB = 4,
   /* The last gradient with respect to the parameters, in the layout of UBS_ARRAY_PARAMETERS. */
   UBS_ARRAY_GRADIENT = 5,
@@ -449,7 +451,9 @@ typedef enum ubs_array_name {
   UBS_ARRAY_DEPTHS = 9, /* (splats): the depth of each splat in the last image, in units of the world */
   /* (splats): the opacity with which each splat is rendered in the last image. The values of splats that are
    * not between the near and far planes are undefined. */
-  UBS_ARRAY_OPACITIES = 10
+  UBS_ARRAY_OPACITIES = 10,
+  UBS_ARRAY_V_ALPHA = 11, /* (height, width): as UBS_ARRAY_V_RGB, for the gradient of alpha */
+  UBS_ARRAY_V_DEPTH = 12  /* (height, width): as UBS_ARRAY_V_RGB, for the gradient of depth */
 } ubs_array_name;
 
 typedef struct ubs_array {

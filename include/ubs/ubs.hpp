@@ -341,7 +341,7 @@ class Renderer {
     return loss;
   }
   // Returns an array (ubs_renderer_get_array). `height` and `width` are the size of the view; they are only
-  // used for UBS_ARRAY_V_RGB.
+  // used for UBS_ARRAY_V_RGB, UBS_ARRAY_V_ALPHA and UBS_ARRAY_V_DEPTH.
   ubs_array array(ubs_array_name name, std::uint32_t group = 0, std::int64_t height = 0,
                   std::int64_t width = 0) {
     auto array = sized<ubs_array>();

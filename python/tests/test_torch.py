@@ -373,7 +373,7 @@ def scene_array(scene: dict[str, Any], name: str) -> np.ndarray:
 
 def test_tensors_stay_in_device_memory(data: ubs.Dataset, monkeypatch: pytest.MonkeyPatch) -> None:
     model = ubs.train(data, iterations=5, init_points=200, dim=6)
-    splats = ubs.torch.Splats(model)
+    splats = ubs.torch.Splats(model, depth=True)
     if splats._drawing.place is None:
         with pytest.raises(ubs.UsageError, match="does not provide addresses"):
             splats._drawing.renderer.array("parameters")
@@ -395,7 +395,7 @@ def test_tensors_stay_in_device_memory(data: ubs.Dataset, monkeypatch: pytest.Mo
 
     monkeypatch.setattr(ubs.torch, "_array", copied)
     camera = data.test[0].camera
-    rgb, alpha = splats(camera)
+    rgb, alpha, _ = splats(camera)
     expected = ubs.Renderer(model).render(camera)
     assert np.array_equal(rgb.detach(), expected.rgb) and np.array_equal(alpha.detach(), expected.alpha)
     weights = torch.randn(rgb.shape)
@@ -405,15 +405,19 @@ def test_tensors_stay_in_device_memory(data: ubs.Dataset, monkeypatch: pytest.Mo
         assert np.array_equal(parameter.grad, gradient[name]) and np.abs(gradient[name]).max() > 0
     with torch.no_grad():
         splats.rgb += 0.5
-    rgb, alpha = splats(camera)
-    splats.zero_grad()
-    (rgb.sum() + alpha.sum()).backward()
-    monkeypatch.undo()
-    changed = splats.model()
-    assert np.array_equal(rgb.detach(), changed.render(camera))
-    gradient = ubs.vjp(changed, camera, np.ones(rgb.shape), np.ones(alpha.shape))
+    changed = ubs.Model.empty(6, len(model))
     for name, parameter in splats.named_parameters():
-        assert np.array_equal(parameter.grad, gradient[name])
+        changed.parameters[name][:] = parameter.detach().numpy()
+    for used in ((1, 1, 0), (0, 0, 1), (1, 1, 1)):
+        pictures = splats(camera)
+        assert np.array_equal(pictures[0].detach(), changed.render(camera))
+        splats.zero_grad()
+        sum(picture.sum() for picture, part in zip(pictures, used) if part).backward()
+        given = [np.ones(picture.shape) if part else None for picture, part in zip(pictures, used)]
+        gradient = ubs.vjp(changed, camera, **dict(zip(("v_rgb", "v_alpha", "v_depth"), given)))
+        for name, parameter in splats.named_parameters():
+            assert np.array_equal(parameter.grad, gradient[name])
+            assert np.abs(gradient[name]).max() > 0 or (name, used[0]) == ("rgb", 0)
 
 
 def test_a_pose_is_found_again(data: ubs.Dataset) -> None:

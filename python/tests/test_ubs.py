@@ -105,6 +105,8 @@ def test_a_picture_can_be_seen_where_it_was_drawn(data: ubs.Dataset, model: ubs.
     assert np.array_equal(model.render(camera, time=0.5, copy=False), model.render(camera, time=0.5))
     with pytest.raises(ubs.UsageError, match=re.escape('not the last array("v_rgb") of this renderer')):
         ubs.Renderer(model, gradients=True).vjp(camera, renderer.array("rgb"))
+    with pytest.raises(ubs.UsageError, match=re.escape('not the last array("v_alpha") of this renderer')):
+        ubs.Renderer(model, gradients=True).vjp(camera, None, renderer.array("transmittance"))
     np.asarray(renderer.array("parameters"))[:3] += 1  # in place
     assert not np.array_equal(renderer.render(camera).rgb, picture)
 
@@ -122,6 +124,9 @@ def test_vjp_of_colours_and_alpha_is_linear(data: ubs.Dataset, model: ubs.Model)
         assert error <= 1e-4 * np.linalg.norm(both[name])
     assert np.abs(alpha["opacity"]).max() > 0
     assert np.abs(alpha["rgb"]).max() < 1e-6
+    # The rasteriser divides by a fraction of the gradient, which must not underflow to 0.
+    tiny = ubs.vjp(model, camera, None, np.full_like(v_alpha, 1e-36))
+    assert all(np.isfinite(values).all() for values in tiny.values()) and np.abs(tiny["opacity"]).max() > 0
 
 
 def test_data_from_arrays(data: ubs.Dataset, model: ubs.Model) -> None:

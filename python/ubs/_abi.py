@@ -162,7 +162,7 @@ class Array(Struct):
 
 # The names of a renderer's arrays, in the order of the enumeration ubs_array_name
 ARRAYS = ("parameters", "rgb", "transmittance", "depth", "v_rgb", "gradient", "extents", "v_means2d", "means2d",
-          "depths", "opacities")
+          "depths", "opacities", "v_alpha", "v_depth")
 
 
 class Gaussians(Struct):

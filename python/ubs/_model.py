@@ -23,6 +23,8 @@ from ._errors import UsageError
 from ._falloff import Falloff, as_falloff
 from ._settings import Settings
 
+PIXEL_GRADIENTS = "v_rgb", "v_alpha", "v_depth"  # names of arrays and of arguments of Renderer.vjp()
+
 
 @dataclass(frozen=True, eq=False)
 class Image:
@@ -318,7 +320,7 @@ class Renderer(_abi.Handle):
             for key, value in settings.items():
                 chosen.set(key, value)
             _abi.call("settings_check", chosen, _abi.USE_RENDERER)
-        self._v_rgb = 0  # address of the last array "v_rgb" that was returned
+        self._pixel_gradients: dict[str, int] = {}  # addresses of the last arrays of PIXEL_GRADIENTS that were returned
         self._kept_size = 0, 0  # size of the last image that was rendered for a gradient
         self._lent: list[weakref.ref[DeviceArray]] = []  # arrays of images that were returned
         # Held during the calls of the library that belong together, so that other threads cannot interrupt them.
@@ -398,7 +400,7 @@ class Renderer(_abi.Handle):
         - "parameters" (rows, splats), in the order of Model.parameters; may be written
         - of the last rendered image: "rgb" (H, W, 3), but not after vjp() of alpha or depth; "transmittance" (H, W),
           which is 1 - alpha; and "depth" (H, W)
-        - "v_rgb": zeros of `size` (H, W, 3), to be written and passed to vjp()
+        - "v_rgb", "v_alpha" and "v_depth": zeros of `size`, (H, W, 3) or (H, W), to be written and passed to vjp()
         - "gradient" (rows, splats), after vjp() or loss()
         - "extents" (splats, 2): half the width and height [px] of the rectangle around each splat in the last image;
           undefined for splats that are not between the near and the far plane
@@ -419,12 +421,12 @@ class Renderer(_abi.Handle):
         array = _abi.Array()
         array.shape[:2] = size
         with self._lock:
-            if name == "v_rgb":
+            if name in PIXEL_GRADIENTS:
                 self._take_size(*size)
             _abi.call("renderer_get_array", self, _abi.ARRAYS.index(name), group, ctypes.byref(array))
             found = DeviceArray(self, array)
-            if name == "v_rgb":
-                self._v_rgb = found.address
+            if name in PIXEL_GRADIENTS:
+                self._pixel_gradients[name] = found.address
             if name not in ("parameters", "gradient", "extents", "v_means2d", "means2d", "depths", "opacities"):
                 self._lent.append(weakref.ref(found))
         return found
@@ -438,28 +440,32 @@ class Renderer(_abi.Handle):
         self,
         camera: Camera | None,
         v_rgb: npt.ArrayLike | DeviceArray | None = None,
-        v_alpha: npt.ArrayLike | None = None,
-        v_depth: npt.ArrayLike | None = None,
+        v_alpha: npt.ArrayLike | DeviceArray | None = None,
+        v_depth: npt.ArrayLike | DeviceArray | None = None,
         *,
         parameters: bool = True,
     ) -> list[dict[str, FloatArray]]:
         """Computes the vector-Jacobian product of rendering, as ubs.vjp() does. Returns a list with one dictionary per
         group. With `parameters=False` the list is empty, for callers that only need camera_gradient() or
-        array("gradient"). v_rgb may be array("v_rgb"); then v_alpha must be None.
+        array("gradient"). The gradients of pixels may be those of array("v_rgb"), array("v_alpha") and
+        array("v_depth").
 
         If `camera` is None, this method differentiates the image of the last draw() or render() with for_gradient=True,
         or of the last vjp(camera), without rendering it again. In this case, it raises UsageError if the parameters
         have been replaced or requested since that call, or if gradients of alpha or depth have been computed."""
         into = self._gradients()
         size = self._kept_size if camera is None else (camera.height, camera.width)
-        # The library would treat any other address as host memory.
-        if isinstance(v_rgb, DeviceArray) and v_rgb.address != self._v_rgb:
-            raise UsageError('v_rgb is a device array, but not the last array("v_rgb") of this renderer')
-        on_device = v_rgb.address if isinstance(v_rgb, DeviceArray) else None
-        rgb = None if v_rgb is None or isinstance(v_rgb, DeviceArray) else floats(v_rgb, (*size, 3), "v_rgb")
-        alpha = None if v_alpha is None else floats(v_alpha, size, "v_alpha")
-        depth = None if v_depth is None else floats(v_depth, size, "v_depth")
-        v = _abi.ImageGradient(rgb=on_device or c_pointer(rgb), alpha=c_pointer(alpha), depth=c_pointer(depth))
+        given: list[FloatArray | None] = []  # those in host memory, which must exist until the library has read them
+        v = _abi.ImageGradient()
+        for name, values, channels in zip(PIXEL_GRADIENTS, (v_rgb, v_alpha, v_depth), ((3,), (), ())):
+            if isinstance(values, DeviceArray):
+                # The library would treat any other address as host memory.
+                if values.address != self._pixel_gradients.get(name):
+                    raise UsageError(f'{name} is a device array, but not the last array("{name}") of this renderer')
+                setattr(v, name[2:], values.address)
+            elif values is not None:
+                given.append(floats(values, (*size, *channels), name))
+                setattr(v, name[2:], c_pointer(given[-1]))
         with self._lock:
             self._take_size(*size)
             seen = None if camera is None else ctypes.byref(camera.to_c())

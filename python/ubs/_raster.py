@@ -24,7 +24,7 @@ from ._dlpack import DeviceArray
 from ._device import Device, DeviceLike, opened
 from ._errors import NumericalError, UsageError
 from ._falloff import Falloff
-from ._model import Model, Renderer
+from ._model import PIXEL_GRADIENTS, Model, Renderer
 
 Result = TypeVar("Result")
 
@@ -86,7 +86,7 @@ class Slot:
         self.kept = None
         copied: list[dict[str, Any]] = []
         if self.shared:
-            self.renderer.vjp(None, gradient_on_device(self.renderer, camera, v_rgb, v_alpha), parameters=False)
+            self.renderer.vjp(None, *gradients_on_device(self.renderer, camera, v_rgb, v_alpha), parameters=False)
         else:
             images = (None if v is None else v.contiguous().cpu().numpy() for v in (v_rgb, v_alpha))
             copied = cast(Any, self.renderer.vjp(None, *images))
@@ -179,32 +179,17 @@ def wait(*tensors: Tensor) -> None:
         torch.cuda.current_stream(device).synchronize()
 
 
-MIN_SHARE = 2.0**-30  # kMinShare of host/pipeline/image_gradient.cpp
-
-
-def gradient_on_device(renderer: Renderer, camera: Camera, v_rgb: Tensor | None, v_alpha: Tensor | None) -> DeviceArray:
-    """Writes the gradient with respect to the last image (H, W, 3), and to its alpha (H, W), to the memory of the
-    device. Returns the array for Renderer.vjp(None, ...). If there is a gradient of alpha, this function also changes
-    the image on the device: in each pixel, it adds a number to one channel, as a different background would do
-    (host/pipeline/image_gradient.hpp explains why). Afterwards, the image cannot be differentiated a second time."""
-    array = renderer.array("v_rgb", size=(camera.height, camera.width))
-    into: Tensor = cast(Any, torch).from_dlpack(array)
-    if v_rgb is not None:  # otherwise the array has zeros
-        into.copy_(v_rgb)
-    if v_alpha is not None:
-        image: Tensor = cast(Any, torch).from_dlpack(renderer.array("rgb"))
-        left: Tensor = cast(Any, torch).from_dlpack(renderer.array("transmittance"))
-        v_alpha = v_alpha.to(into.device)
-        red, green, blue = into.abs().unbind(-1)
-        # The channel with the largest gradient. argmax() would take as long as the backward pass.
-        most = (green > red).long().masked_fill_(blue > torch.maximum(red, green), 2)[..., None]
-        v = into.gather(-1, most)[..., 0]
-        v = torch.where(v.abs() < MIN_SHARE * v_alpha.abs(), MIN_SHARE * v_alpha, v)
-        into.scatter_(-1, most, v[..., None])
-        change = torch.where(v_alpha == 0, torch.zeros_like(v), -v_alpha * left / v)
-        image.scatter_add_(-1, most, change[..., None])
-    wait(into, *(t for t in (v_rgb, v_alpha) if t is not None))
-    return array
+def gradients_on_device(renderer: Renderer, camera: Camera, *given: Tensor | None) -> list[DeviceArray | None]:
+    """Copies the gradients with respect to the last image (H, W, 3), to its alpha (H, W), and to its depth (H, W), to
+    the memory of the device. Returns the arguments for Renderer.vjp(None, ...)."""
+    found: list[DeviceArray | None] = []
+    for name, tensor in zip(PIXEL_GRADIENTS, given):
+        found.append(None if tensor is None else renderer.array(name, size=(camera.height, camera.width)))
+        if tensor is not None:
+            into: Tensor = cast(Any, torch).from_dlpack(found[-1])
+            into.copy_(tensor)
+            wait(into, tensor)
+    return found
 
 
 _slots: list[Slot] = []  # the most recently used one is at the end

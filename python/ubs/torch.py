@@ -36,7 +36,7 @@ from ._errors import NumericalError, UsageError
 from ._falloff import Falloff, as_falloff
 from ._model import CameraGradient, Model
 from ._raster import draw as _draw_ellipses
-from ._raster import extremes, first_order, gradient_on_device, is_finite
+from ._raster import extremes, first_order, gradients_on_device, is_finite
 from ._settings import as_text
 
 __all__ = ["Splats", "condition", "condition_direct", "rasterize", "render"]
@@ -108,11 +108,11 @@ def _differentiate(
         drawing.renderer.draw(camera, for_gradient=True)
     drawing.kept = None
     shared = _is_shared(drawing, parameters[0])
-    given: list[Any] = []
-    if shared and (len(v) < 3 or v[2] is None):
-        given.append(gradient_on_device(drawing.renderer, camera, v[0], v[1]))
+    given: Sequence[Any]
+    if shared:
+        given = gradients_on_device(drawing.renderer, camera, *v)
     else:
-        given += [None if t is None else _array(t) for t in v]
+        given = [None if t is None else _array(t) for t in v]
     found = drawing.renderer.vjp(None, *given, parameters=not shared)
     if all(t is None for t in v[1:]):  # gradients of alpha and depth overwrite the image
         drawing.kept = reason

@@ -3,6 +3,7 @@
 // those of the functions that copy results to the host. This test can read the arrays of PoCL's CPU devices
 // and of the CUDA back end on the host, but not those in the memory of a GPU.
 #include <algorithm>
+#include <array>
 #include <catch2/catch.hpp>
 #include <vector>
 
@@ -46,6 +47,15 @@ std::vector<float> values_of(const ubs_array& array) {
       for (std::int64_t k = 0; k < planes; ++k)
         values.push_back(array.values[i * array.strides[0] + j * array.strides[1] + k * array.strides[2]]);
   return values;
+}
+
+void write(const ubs_array& array, const std::vector<float>& values) {
+  auto from = values.begin();
+  const std::int64_t planes = array.dims == 3 ? array.shape[2] : 1;
+  for (std::int64_t i = 0; i < array.shape[0]; ++i)
+    for (std::int64_t j = 0; j < array.shape[1]; ++j)
+      for (std::int64_t k = 0; k < planes; ++k)
+        array.values[i * array.strides[0] + j * array.strides[1] + k * array.strides[2]] = *from++;
 }
 
 std::vector<float> values_of(const Model& model) {
@@ -130,18 +140,11 @@ TEST_CASE("arrays of a renderer in device memory equal the copied values") {
     check_usage("pixels", [&] { renderer.array(UBS_ARRAY_V_RGB); });
     const ubs_array v_rgb = renderer.array(UBS_ARRAY_V_RGB, 0, kHeight, kWidth);
     CHECK(values_of(v_rgb) == std::vector<float>(v.size()));
-    for (int y = 0; y < kHeight; ++y)
-      for (int x = 0; x < kWidth; ++x)
-        for (int c = 0; c < 3; ++c)
-          v_rgb.values[y * v_rgb.strides[0] + x * v_rgb.strides[1] + c * v_rgb.strides[2]] =
-              v[static_cast<std::size_t>(3 * (y * kWidth + x) + c)];
+    write(v_rgb, v);
     auto v_image = sized<ubs_image_gradient>();
     v_image.rgb = v_rgb.values;
     const ubs_camera wide = camera_of(kWidth + 1);
     check_usage("37x21", [&] { check(ubs_renderer_vjp(renderer.get(), &wide, &v_image, nullptr)); });
-    v_image.alpha = alpha.data();
-    check_usage("alpha", [&] { check(ubs_renderer_vjp(renderer.get(), &camera, &v_image, nullptr)); });
-    v_image.alpha = nullptr;
     check(ubs_renderer_vjp(renderer.get(), &camera, &v_image, nullptr));
     CHECK(values_of(renderer.array(UBS_ARRAY_GRADIENT)) == values_of(gradient));
     CHECK(std::ranges::any_of(values_of(gradient), [](float x) { return x != 0; }));
@@ -153,15 +156,15 @@ TEST_CASE("arrays of a renderer in device memory equal the copied values") {
     REQUIRE(v_means.shape[0] == 70);
     REQUIRE(v_means.shape[1] == 2);
     const std::vector<float> moved = values_of(v_means);
-    const auto write = [&](bool zero) {
+    const auto write_means = [&](bool zero) {
       for (std::size_t i = 0; i < 140; ++i)
         v_means.values[static_cast<std::int64_t>(i / 2) * v_means.strides[0] +
                        static_cast<std::int64_t>(i % 2)] = zero ? 0.0f : moved[i];
     };
-    write(true);
+    write_means(true);
     const std::vector<float> rest = values_of(renderer.array(UBS_ARRAY_GRADIENT));
     CHECK(rest != values_of(gradient));
-    write(false);
+    write_means(false);
     CHECK(values_of(renderer.array(UBS_ARRAY_GRADIENT)) == values_of(gradient));
     // A splat whose position has a gradient is in the image, so the extents of its ellipse must be positive.
     const std::vector<float> extents = values_of(renderer.array(UBS_ARRAY_EXTENTS));
@@ -174,6 +177,52 @@ TEST_CASE("arrays of a renderer in device memory equal the copied values") {
     CHECK(seen > 20);
     check_usage("group 1 does not exist", [&] { renderer.array(UBS_ARRAY_GRADIENT, 1); });
     check_usage("without UBS_RENDER_DEPTH", [&] { renderer.array(UBS_ARRAY_DEPTH); });
+  }
+}
+
+// Each gradient may be in an array of the renderer or in host memory, and the other gradients in the other
+// kind of memory.
+TEST_CASE("gradients of alpha and depth can be written to arrays of a renderer") {
+  for (const ubs_device_info& device : Device::list()) {
+    INFO(device.name);
+    const Device opened(std::string(device.backend) + ":" + device.name);
+    const Model model = splats(1), gradient(model);
+    Renderer renderer(opened, model, UBS_RENDER_GRADIENTS | UBS_RENDER_DEPTH);
+    const bool pocl_cpu =
+        std::string(device.platform) == "Portable Computing Language" && device.type == UBS_DEVICE_CPU;
+    if (std::string(device.backend) == "opencl" && !pocl_cpu) continue;
+    if (renderer.array(UBS_ARRAY_PARAMETERS).type != 1) continue;  // the memory of a GPU
+    const ubs_camera camera = camera_of();
+    constexpr std::size_t kPixels = std::size_t{kWidth} * kHeight;
+    const CounterRandom random(5, 1);
+    std::array<std::vector<float>, 3> v{std::vector<float>(3 * kPixels), std::vector<float>(kPixels),
+                                        std::vector<float>(kPixels)};
+    for (std::uint32_t k = 0; k < 3; ++k)
+      for (std::uint32_t i = 0; i < v[k].size(); ++i)
+        v[k][i] = static_cast<float>(random.uniform(i, k, -1, 1));
+    std::vector<std::vector<float>> found;
+    for (unsigned given = 1; given < 8; ++given) {       // bit k: there is gradient k
+      for (unsigned shared = 0; shared < 8; ++shared) {  // bit k: it is in an array
+        if (shared & ~given) continue;
+        INFO("gradients " << given << ", of which " << shared << " are in arrays");
+        auto v_image = sized<ubs_image_gradient>();
+        std::array<const float**, 3> members{&v_image.rgb, &v_image.alpha, &v_image.depth};
+        constexpr std::array kNames{UBS_ARRAY_V_RGB, UBS_ARRAY_V_ALPHA, UBS_ARRAY_V_DEPTH};
+        for (std::size_t k = 0; k < 3; ++k) {
+          if (!(given >> k & 1)) continue;
+          *members[k] = v[k].data();
+          if (!(shared >> k & 1)) continue;
+          const ubs_array to = renderer.array(kNames[k], 0, kHeight, kWidth);
+          REQUIRE(values_of(to) == std::vector<float>(v[k].size()));
+          write(to, v[k]);
+          *members[k] = to.values;
+        }
+        check(ubs_renderer_vjp(renderer.get(), &camera, &v_image, gradient.get()));
+        if (shared == 0) found.push_back(values_of(gradient));
+        CHECK(values_of(gradient) == found.back());
+      }
+      for (std::size_t k = 0; k + 1 < found.size(); ++k) CHECK(found[k] != found.back());
+    }
   }
 }
 

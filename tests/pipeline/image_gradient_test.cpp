@@ -36,7 +36,8 @@ Actual actual_gradient(Device& device, Stages& stages, const oracle::Scene& scen
   renderer.forward(model.view(), 0, test::settings_of(scene), true);
   const Buffer<float> v_params(device, "gradients", static_cast<std::size_t>(model.rows()) * model.stride());
   const BufferView<float> view = v_params.view();
-  backward_from_image(device, renderer, {weights.rgb, weights.alpha, weights.depth}, std::span(&view, 1));
+  ImageBackward(device, stages, renderer)
+      .run({weights.rgb, weights.alpha, weights.depth}, std::span(&view, 1));
   const CameraGradient c = renderer.camera_gradient();
   const auto floats = [](std::initializer_list<double> values) {
     return std::vector<float>(values.begin(), values.end());

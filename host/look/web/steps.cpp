@@ -39,6 +39,7 @@ struct Sensitivity {
 Sensitivity sensitivity(ModelSession& session, std::size_t views) {
   const DeviceGroups& model = session.model();
   GroupBuffers gradients(session.device(), model, "gradients of images");
+  ImageBackward backward(session.device(), session.stages(), session.renderer());
   Sensitivity out;
   out.squares.resize(model.groups().size());
   const std::size_t step = (views + kSensitiveViews - 1) / kSensitiveViews;
@@ -52,7 +53,7 @@ Sensitivity sensitivity(ModelSession& session, std::size_t views) {
       for (std::size_t k = i; k < std::min(signs.size(), i + 32); ++k)
         signs[k] = bits >> (k - i) & 1 ? 1.0f : -1.0f;
     }
-    backward_from_image(session.device(), session.renderer(), {.rgb = signs}, gradients.view());
+    backward.run({.rgb = signs}, gradients.view());
     out.values += static_cast<double>(signs.size());
     for (std::size_t g = 0; g < out.squares.size(); ++g) {
       const DeviceModel& group = model.groups()[g];
