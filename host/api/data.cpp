@@ -100,11 +100,17 @@ ubs_camera camera_to(const Camera& from) {
 }
 
 Camera camera_for(const LoadedModel& model, const ubs_camera* camera) {
-  Split one{"cameras", {View{.name = "camera", .camera = camera_from(taken(camera, "camera"))}}};
-  check_camera(one.views[0].camera, "the camera");
-  for (const SplatModel& group : model.model.groups) check_query(one, group.dim);
-  rebase(one.views, {0, 0, 0}, model.offset);
-  return one.views[0].camera;
+  std::vector<View> one{View{.name = "camera", .camera = camera_from(taken(camera, "camera"))}};
+  const Camera& found = one[0].camera;
+  check_camera(found, "the camera");
+  for (const SplatModel& group : model.model.groups)
+    if (const std::size_t needed = further_queries(group.dim); found.extra.size() < needed)
+      fail(ErrorKind::usage,
+           "the member `extra` of the camera has {} values, but a model with N = {} requires {} query values "
+           "besides direction and time",
+           found.extra.size(), group.dim, needed);
+  rebase(one, {0, 0, 0}, model.offset);
+  return one[0].camera;
 }
 
 Dataset without_views(const Dataset& data) {

@@ -1,5 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // This file implements the C interface for models in host memory.
+#include <algorithm>
+#include <cmath>
+#include <cstdlib>
+
 #include "host/api/export_model.hpp"
 #include "host/api/handles.hpp"
 #include "host/api/model_session.hpp"
@@ -11,13 +15,10 @@
 namespace ubs::facade {
 namespace {
 
-// Returns the name of a parameter group as a string with static lifetime. kNames contains the names of all
-// variants, in the order in which the groups are stored.
+// Returns the name of a parameter group as a string with static lifetime.
 const char* group_name(const std::string& name) {
-  static constexpr const char* kNames[] = {"xyz",  "rgb",  "sh0",   "sh_rest",    "lobes",   "opacity",
-                                           "beta", "mean", "scale", "l_triangle", "rotation"};
-  for (const char* known : kNames)
-    if (name == known) return known;
+  for (const GroupName& known : kParameterGroups)
+    if (name == known.name) return known.name.data();
   fail(ErrorKind::internal, "unknown parameter group '{}'", name);
 }
 
@@ -44,6 +45,19 @@ void save(const LoadedModel& loaded, const std::string& path, const std::string&
 }
 
 }  // namespace
+
+void check_parameters(const MixedModel& model) {
+  for (const SplatModel& group : model.groups) {
+    const auto bad = std::ranges::find_if(group.values, [](float value) { return !std::isfinite(value); });
+    if (bad == group.values.end()) continue;
+    const auto [row, splat] = std::div(bad - group.values.begin(), static_cast<std::ptrdiff_t>(group.count));
+    for (const ParameterGroup& found : parameter_groups(group.layout()))
+      if (row >= found.first && row < found.first + found.count)
+        fail(ErrorKind::numerical, "the parameter {} of splat {} is {}: only finite values can be rendered",
+             found.name, splat, *bad);
+  }
+}
+
 }  // namespace ubs::facade
 
 using namespace ubs;

@@ -93,9 +93,13 @@ Split open_split_for(const std::array<double, 3>& offset, const std::filesystem:
 
 // N is the sum of 3 for the position, 3 for the direction (if N >= 6), 1 for the time (if N is not 3 or 6),
 // and the number of further query values. The dimensions have the order of docs/method.md, section 1.2.
-void check_query(const Split& split, int dim) {
+std::size_t further_queries(int dim) {
   const int query = dim - 3 - (dim >= 6 ? 3 : 0);
-  const std::size_t needed = query > 1 ? static_cast<std::size_t>(query - 1) : 0;
+  return query > 1 ? static_cast<std::size_t>(query - 1) : 0;
+}
+
+void check_query(const Split& split, int dim) {
+  const std::size_t needed = further_queries(dim);
   for (const View& view : split.views)
     if (view.camera.extra.size() < needed)
       fail(ErrorKind::data,

@@ -52,6 +52,8 @@ Split open_split_for(const std::array<double, 3>& offset, const std::filesystem:
                      const std::string& split, const TrainSettings& settings, Images images,
                      const std::optional<OpenedData>& opened = {});
 
+// Returns how many query values besides direction and time N dimensions need.
+std::size_t further_queries(int dim);
 // Throws Error(data) if the views have fewer query values than N dimensions need.
 void check_query(const Split& split, int dim);
 // Throws Error(data) if a view has no image. The message contains the name of the first such view.

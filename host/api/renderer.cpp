@@ -238,6 +238,7 @@ ubs_status ubs_renderer_create_falloff(ubs_device* device, const ubs_model* mode
     const auto own = falloff ? std::optional(falloff_from(*falloff, loaded.model)) : std::nullopt;
     TrainSettings values = settings ? settings->values : noted_settings(loaded.notes, "the model");
     validate(values);
+    if (!(flags & UBS_RENDER_GAUSSIANS)) check_parameters(loaded.model);
     if (!values.chosen.contains("query_grad")) values.query_grad = depends_on_direction(loaded.model);
     auto created = std::make_unique<ubs_renderer>();
     created->open = given(device, "device").open;
@@ -285,6 +286,7 @@ ubs_status ubs_renderer_update(ubs_renderer* renderer, const ubs_model* model) {
     const std::lock_guard lock(r.open->mutex);
     need_rows(r, "ubs_renderer_update");
     check_same_groups(r.shape.model, loaded.model, false, "the new model");
+    check_parameters(loaded.model);
     r.kept.reset(), r.differentiated.reset();
     r.session->choose(loaded.model);
     r.shape.offset = loaded.offset;

@@ -69,8 +69,7 @@ SplatModel as_first(const LoadedModel& loaded, const std::array<double, 3>& offs
                     const TrainSettings& settings) {
   const SplatModel& model = loaded.model.single("training");
   if (loaded.offset != offset) fail(ErrorKind::usage, "the model and the data have different world offsets");
-  for (const float value : model.values)
-    if (!std::isfinite(value)) fail(ErrorKind::usage, "the model contains values that are not finite");
+  check_parameters(loaded.model);
   check_initial(settings, model);  // must precede the first kernel that uses the model
   SplatModel first = model;
   scale_lengths(first, 1 / settings.unit);

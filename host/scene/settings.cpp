@@ -197,7 +197,7 @@ bool assign(const FieldValue& field, std::string_view text) {
   for (const FieldValue& field : fields) keys.emplace_back(field.key);
   const std::string nearest = nearest_word(key, keys);
   fail(ErrorKind::usage, "{}: unknown key '{}'{}", origin, key,
-       nearest.empty() ? "; see the options in --help" : fmt::format("; did you mean '{}'?", nearest));
+       nearest.empty() ? "; `ubs train --help` lists the settings" : fmt::format("; did you mean '{}'?", nearest));
 }
 
 }  // namespace

@@ -344,7 +344,8 @@ typedef struct ubs_gaussians {
   uint32_t bases;   /* at least as many as the renderer needs (1 for plain colours); others are not used */
 } ubs_gaussians;
 
-/* Creates a renderer and copies the model to the device. If `settings` is NULL, the settings of
+/* Creates a renderer and copies the model to the device. Parameters that are not finite are refused with
+ * UBS_ERROR_NUMERICAL, except with UBS_RENDER_GAUSSIANS, where they are not used. If `settings` is NULL, the settings of
  * ubs_model_get_settings are used. `flags` determines which operations the renderer supports. Gradients with
  * respect to positions include the effect of a position on the view direction. The published training ignores
  * this effect. To ignore it here too, set "query_grad" to "false". */
@@ -375,7 +376,7 @@ UBS_API ubs_status ubs_renderer_create_falloff(ubs_device* device, const ubs_mod
 UBS_API void ubs_renderer_free(ubs_renderer* renderer);
 /* Replaces the model on the device by another model, which must have the same groups, dimensions and
  * variants. Each of its groups must have at most as many splats as in the model that the renderer was created
- * with. */
+ * with, and all its parameters must be finite. */
 UBS_API ubs_status ubs_renderer_update(ubs_renderer* renderer, const ubs_model* model);
 /* Makes a renderer with UBS_RENDER_GAUSSIANS render these Gaussians. Such a renderer is created with a
  * model of any number of splats with dim = 3, kernel = gaussian, rot_mode = quaternion and no lobes; the

@@ -5,6 +5,7 @@ float64."""
 from __future__ import annotations
 
 import importlib
+import io
 import math
 import re
 import sys
@@ -441,7 +442,7 @@ def test_strides_of_harmonics_do_not_matter(fused_calls: list[bool]) -> None:
         images.square().sum().backward()
         gradients.append(colors.grad)
     assert len(fused_calls) == 2 and torch.equal(*gradients)
-    with pytest.raises(ubs.UsageError, match="degrees_to_use=True"):
+    with pytest.raises(ubs.UsageError, match="sh_degree=True"):
         rasterization(**s, width=WIDTH, height=HEIGHT, sh_degree=True)
 
 
@@ -823,7 +824,11 @@ REFUSED: list[tuple[str, dict[str, Any]]] = [
     ("opacities", {"opacities": torch.full((30,), 1.5)}),
     ("opacities has the shape", {"opacities": torch.ones(30, 1)}),
     ("colors has the shape", {"colors": torch.ones(31, 3)}),
-    ("coeffs has 4 bases", {"colors": torch.ones(30, 4, 3), "sh_degree": 2}),
+    ("sh_degree=2 needs 9 coefficients", {"colors": torch.ones(30, 4, 3), "sh_degree": 2}),
+    ("sh_degree=-1", {"colors": torch.ones(30, 4, 3), "sh_degree": -1}),
+    ("extra_signals_sh_degree=5", {"extra_signals": torch.rand(30, 4, 3), "extra_signals_sh_degree": 5}),
+    ("colors must be a torch.Tensor", {"colors": None}),
+    ("colors has the shape (30, 0): there must be", {"colors": torch.ones(30, 0)}),
     ("means has the type torch.float64", {"means": torch.zeros(30, 3, dtype=torch.float64)}),
     ("skew", {"Ks": torch.ones(2, 3, 3)}),
     ("backgrounds", {"backgrounds": torch.ones(3)}),
@@ -872,6 +877,46 @@ def test_cameras_without_an_inverse_are_refused(zero: slice) -> None:
     s["colors"] = torch.randn(30, 4, 3)
     with pytest.raises(ubs.UsageError, match="viewmats contains a matrix without an inverse"):
         rasterization(**s, width=WIDTH, height=HEIGHT, sh_degree=1)
+
+
+@pytest.mark.parametrize("packed", [True, False])
+def test_the_dictionary_can_be_copied_and_saved(packed: bool, fused_calls: list[bool]) -> None:
+    """Tests the dictionary of a call that computes conics and opacities only when they are read."""
+    s = scene(splats=30)
+    cameras = s.pop("viewmats")
+    s["scales"].requires_grad_()
+    how: Any = {"width": WIDTH, "height": HEIGHT, "packed": packed, "rasterize_mode": "antialiased"}
+    expected = rasterization(**s, **how, viewmats=cameras.clone().requires_grad_())[2]  # computes all values at once
+    assert type(expected["conics"]) is torch.Tensor and fused_calls == []
+
+    def meta() -> Any:
+        return rasterization(**s, **how, viewmats=cameras)[2]
+
+    stream = io.BytesIO()
+    torch.save(meta(), stream)
+    stream.seek(0)
+    for found in ({**meta()}, meta().copy(), dict(meta().items()), torch.load(stream), dict(zip(meta(), meta().values()))):
+        assert set(found) == set(expected) == set(meta().keys()) and len(meta()) == len(expected)
+        for name in ("conics", "opacities"):
+            assert torch.allclose(found[name], expected[name], rtol=1e-4, atol=1e-6)
+            assert torch.equal(found[name], meta().get(name)) and name in meta()
+    assert meta().get("isect_ids") is None and len(fused_calls) > 5
+    changed = meta()
+    with torch.no_grad():
+        s["scales"] *= 2
+    for name in ("conics", "opacities"):
+        with pytest.raises(ubs.UsageError, match=f"'{name}'.* have been changed since they were rendered"):
+            changed[name]
+
+
+@pytest.mark.parametrize("learnt_cameras", [False, True])
+def test_images_may_be_changed_in_place(learnt_cameras: bool, fused_calls: list[bool]) -> None:
+    s = scene(splats=30)
+    s["viewmats" if learnt_cameras else "means"].requires_grad_()
+    for part in rasterization(**s, width=WIDTH, height=HEIGHT, far_plane=math.inf)[:2]:
+        expected = part.detach().clamp(0.1, 0.2)
+        assert torch.equal(part.clamp_(0.1, 0.2), expected)
+    assert len(fused_calls) == (0 if learnt_cameras else 1)
 
 
 def test_a_wanted_shape_is_named_once() -> None:

@@ -120,6 +120,15 @@ def test_test_views_are_chosen_by_index_or_boolean(data: ubs.Dataset) -> None:
         ubs.Dataset.from_arrays(images, poses, (8, 8, 4, 4), test=[True, False, True])
 
 
+def test_parameters_that_are_not_finite_are_refused(data: ubs.Dataset) -> None:
+    camera, model = data.test[0].camera, ubs.Model.empty(6, 5)
+    renderer = ubs.Renderer(model)
+    model.parameters["scale"][2, 1] = np.inf
+    for call in (lambda: model.render(camera), lambda: renderer.update(model), lambda: ubs.Renderer(model)):
+        with pytest.raises(ubs.NumericalError, match="the parameter scale of splat 2 is inf"):
+            call()
+
+
 def test_messages_speak_of_arguments(
     data: ubs.Dataset, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -131,6 +140,21 @@ def test_messages_speak_of_arguments(
     with pytest.raises(ubs.UsageError) as error:
         ubs.metrics.lpips(data.test[0].image, data.test[0].image)
     assert "weights" in str(error.value) and "--" not in str(error.value)
+    renderer, camera = ubs.Renderer(ubs.Model.empty(6, 5), gradients=True), data.test[0].camera
+    image = np.zeros((40, 40, 3))
+    for part, call in (
+        ("there is no image to differentiate", lambda: renderer.vjp(None, image)),
+        ("call vjp() or loss() first", renderer.camera_gradient),
+        ("created without depth=True", lambda: renderer.vjp(camera, v_depth=image[..., 0])),
+        ("absgrad=True requires gradients=True", lambda: ubs.Renderer(ubs.Model.empty(6, 5), absgrad=True)),
+        ("v_rgb contains values that are not finite", lambda: renderer.vjp(camera, image + np.nan)),
+        ("a ubs.Camera, not View: pass its camera", lambda: renderer.render(data.test[0])),
+        ("`extra` of the camera has 0 values", lambda: ubs.Model.empty(8, 5).render(camera)),
+        ("unknown key 'foo'", lambda: ubs.train(data, foo=1)),
+    ):
+        with pytest.raises(ubs.UsageError) as error:
+            call()
+        assert part in str(error.value) and "UBS_" not in str(error.value) and "ubs_" not in str(error.value)
     caplog.set_level("INFO", "ubs")
     ubs.Trainer(data, **{**SETTINGS, "dim": 4})
     ubs.Trainer(data, dim="auto", iterations=5)

@@ -191,6 +191,19 @@ def test_splats_come_and_go(data: ubs.Dataset) -> None:
         assert len(splats.model()) == count
         rendered = ubs.torch.render(dict(splats.named_parameters()), camera)[0]
         assert torch.equal(rendered, rgb)
+    for name, parameter in list(splats.named_parameters()):
+        setattr(splats, name, torch.nn.Parameter(parameter.detach()[:0].clone()))
+    rgb, alpha = splats(camera)
+    (rgb.sum() + alpha.sum()).backward()
+    assert not rgb.any() and not alpha.any() and splats.xyz.grad.shape == (0, 3)
+
+
+def test_parameters_that_are_not_finite_are_refused(data: ubs.Dataset) -> None:
+    splats = ubs.torch.Splats(ubs.Model.empty(6, 5))
+    with torch.no_grad():
+        splats.mean[3, 1] = torch.nan
+    with pytest.raises(ubs.NumericalError, match="mean"):
+        splats(data.test[0].camera)
 
 
 def test_splats_can_be_copied_and_saved(data: ubs.Dataset, tmp_path: Path) -> None:
@@ -418,6 +431,15 @@ def test_tensors_stay_in_device_memory(data: ubs.Dataset, monkeypatch: pytest.Mo
         for name, parameter in splats.named_parameters():
             assert np.array_equal(parameter.grad, gradient[name])
             assert np.abs(gradient[name]).max() > 0 or (name, used[0]) == ("rgb", 0)
+
+
+def test_images_may_be_changed_in_place(data: ubs.Dataset) -> None:
+    splats = ubs.torch.Splats(ubs.train(data, iterations=5, init_points=200, dim=6))
+    flat = ubs.torch.rasterize(torch.rand(3, 2).requires_grad_(), torch.eye(2).expand(3, 2, 2), torch.ones(3),
+                               torch.rand(3, 1), torch.rand(3), width=4, height=4)
+    for image in (*splats(data.test[0].camera), *flat):
+        expected = image.detach().clamp(0.1, 0.2)
+        assert torch.equal(image.clamp_(0.1, 0.2), expected)
 
 
 def test_a_pose_is_found_again(data: ubs.Dataset) -> None:

@@ -15,7 +15,7 @@ from ctypes import c_int64, c_uint32, c_uint64, c_void_p
 from pathlib import Path
 from typing import Any, Callable
 
-from ._errors import BY_STATUS, DeviceError, Error, UsageError
+from ._errors import BY_STATUS, DeviceError, Error, UsageError, in_python_terms
 
 ABI_VERSION = 1
 logger = logging.getLogger("ubs")
@@ -353,7 +353,7 @@ def call(name: str, *arguments: Any) -> None:
     status = _functions[name](*arguments)
     if status != 0:
         kind = BY_STATUS.get(status, Error)
-        raise kind(_library.ubs_error_message().decode("utf-8", "replace"))
+        raise kind(in_python_terms(_library.ubs_error_message().decode("utf-8", "replace")))
 
 
 class Handle:

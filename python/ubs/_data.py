@@ -56,6 +56,14 @@ def image_bytes(image: npt.ArrayLike, shape: tuple[int, ...], what: str) -> Byte
     return np.ascontiguousarray(array)
 
 
+def checked_camera(given: Any) -> Camera:
+    """Returns the argument if it is a Camera."""
+    if not isinstance(given, Camera):
+        hint = ": pass its camera" if isinstance(getattr(given, "camera", None), Camera) else ""
+        raise UsageError(f"a camera must be a ubs.Camera, not {type(given).__name__}{hint}")
+    return given
+
+
 @dataclass(frozen=True, eq=False)
 class Camera:
     """A pinhole camera with COLMAP's axes: x right, y down, z forward. Cameras are equal if all their numbers are

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import re
+
 
 class Error(Exception):
     """Base class of the errors that the library reports. The text of an error is a single line. It describes the
@@ -51,3 +53,11 @@ BY_STATUS: dict[int, type[Error]] = {
     7: NumericalError,
     10: FaultyDeviceError,
 }
+
+
+def in_python_terms(message: str) -> str:
+    """Replaces the names of the C interface in a message of the library by those of this package."""
+    message = re.sub(r"\bUBS_RENDER_(\w+)", lambda found: f"{found[1].lower()}=True", message)
+    message = re.sub(r"\bUBS_ARRAY_(\w+)", lambda found: f'array("{found[1].lower()}")', message)
+    message = re.sub(r"\bubs_renderer_(\w+)", r"\1()", message)
+    return re.sub(r"\bv_image\.", "v_", message)

@@ -30,6 +30,7 @@ ALPHA_MAX = 0.999  # UBS_ALPHA_MAX of kernels/limits.h
 # The largest allowed absolute error of alpha, and the largest allowed relative error of gradients. The largest errors
 # observed in the tests are 2.5e-6 for alpha and 1.5e-5 for gradients.
 MOST_ERROR = 1e-4, 1e-3
+MOST_LOG2 = 1e-5  # the largest allowed value of log2, which includes rounding errors
 
 
 def _number(value: float) -> Node:
@@ -206,7 +207,8 @@ class Falloff:
     ellipse, so the ellipse can be that of the standard deviations. For example, with a beta of 1,
     Falloff("-0.7213475 * r", support=11.0889) is a Gaussian that ends at 3.33 standard deviations.
 
-    A wrong expression raises UsageError. The values and the slope are tested for several values of r between 0 and the
+    A wrong expression raises UsageError, and so does a value of log2 above 0, because the opacity of a splat would be
+    larger than its parameter. The values and the slope are tested for several values of r between 0 and the
     support, and for several values of beta. NumericalError is raised if one of the values is not finite, or if the
     slope is not the derivative of the expression. When a falloff is used for the first time on a device, its kernels
     are compiled, and their results are compared with float64. If they differ too much, NumericalError is raised."""
@@ -257,6 +259,12 @@ class Falloff:
                 if not np.isfinite(values).all():
                     at = r[~np.isfinite(values)][0]
                     raise NumericalError(f"falloff '{self.log2}': {what} is not finite at r = {at:.6g}, beta = {beta:g}")
+            if found[0].max() > MOST_LOG2:
+                k = int(np.argmax(found[0]))
+                raise UsageError(
+                    f"falloff '{self.log2}': log2 is {found[0][k]:.4g} at r = {r[k]:.6g} and beta = {beta:g}, but must "
+                    f"not be above 0: pass the binary logarithm of the falloff, such as 'log2_1m(r)' for 1 - r"
+                )
             if self.slope is not None:
                 step = 1e-4 * np.minimum(r, self.support - r)
                 about = (self.values(r + step, beta)[0] - self.values(r - step, beta)[0]) / (2 * step)

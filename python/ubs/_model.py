@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from . import _abi
-from ._data import Camera, Dataset, FloatArray, c_pointer, check_range, floats
+from ._data import Camera, Dataset, FloatArray, c_pointer, check_range, checked_camera, floats
 from ._device import Device, DeviceLike, opened
 from ._dlpack import DeviceArray
 from ._errors import UsageError
@@ -232,6 +232,7 @@ class Model(_abi.Handle):
         renderer = self.renderer(device)
         # If the caller still uses an array of this renderer that has another size, rendering would free the memory of
         # this array. In this case the model creates another renderer.
+        checked_camera(camera)
         if renderer._lends_other(camera.height, camera.width):
             self._renderers = {key: kept for key, kept in self._renderers.items() if kept is not renderer}
             renderer = self.renderer(device)
@@ -364,6 +365,7 @@ class Renderer(_abi.Handle):
         out: FloatArray | None = None,
         for_gradient: bool = False,
     ) -> Image:
+        checked_camera(camera)
         c = (camera if time is None else camera.at(time)).to_c()
         size = (max(camera.height, 0), max(camera.width, 0))
         if out is not None and not (
@@ -388,6 +390,7 @@ class Renderer(_abi.Handle):
         """Renders a view and keeps it on the device, where array() gives access to it. With `for_gradient`,
         vjp(None, ...) can differentiate this image without rendering it again."""
         image = _abi.Image(for_gradient=bool(for_gradient))
+        checked_camera(camera)
         with self._lock:
             self._take_size(camera.height, camera.width)
             _abi.call("renderer_draw", self, ctypes.byref(camera.to_c()), ctypes.byref(image))
@@ -454,7 +457,9 @@ class Renderer(_abi.Handle):
         or of the last vjp(camera), without rendering it again. In this case, it raises UsageError if the parameters
         have been replaced or requested since that call, or if gradients of alpha or depth have been computed."""
         into = self._gradients()
-        size = self._kept_size if camera is None else (camera.height, camera.width)
+        if camera is None and self._kept_size == (0, 0):
+            raise UsageError("there is no image to differentiate: render one with for_gradient=True, or pass the camera")
+        size = self._kept_size if camera is None else (checked_camera(camera).height, camera.width)
         given: list[FloatArray | None] = []  # those in host memory, which must exist until the library has read them
         v = _abi.ImageGradient()
         for name, values, channels in zip(PIXEL_GRADIENTS, (v_rgb, v_alpha, v_depth), ((3,), (), ())):
@@ -498,7 +503,7 @@ class Renderer(_abi.Handle):
         """Computes the training loss of a view, as ubs.loss() does. Returns the loss, and a list with one dictionary of
         gradients per group. With gradients=False, the list is empty."""
         into = self._gradients() if gradients else None
-        size = (camera.height, camera.width)
+        size = (checked_camera(camera).height, camera.width)
         wanted = floats(as_float(target), (*size, 3), "target")
         counts = None if mask is None else np.ascontiguousarray(np.asarray(mask) != 0, dtype=np.uint8)
         if counts is not None and counts.shape != size:
@@ -573,6 +578,8 @@ def loss(
 ) -> tuple[Loss, dict[str, FloatArray]]:
     """Returns the training loss of one view, without regularisers, and its gradient, with the names and shapes of
     model.parameters. target: the photograph (H, W, 3), uint8 or floating point from 0 to 1. mask: (H, W); pixels with
-    the value 0 are ignored."""
+    the value 0 are ignored.
+
+    The gradient includes the path through the view direction, as that of vjp() does. Training ignores this path."""
     found, gradient = model.renderer(device, gradients=True).loss(camera, target, lambda_dssim, mask)
     return found, _only(gradient)

@@ -384,8 +384,9 @@ class Draw(torch.autograd.Function):
                 ctx.slot.put((ctx.holder, first), {**rows.as_values(), **values} if first == 0 else values)
                 rgb, alpha = ctx.slot.draw(ctx.camera, where, recorded and any(ctx.needs_input_grad))
                 images.append(rgb)
+        # The image must not be a view, because PyTorch does not allow callers to change views in place.
         image = images[0] if len(images) == 1 else torch.cat(images, -1)
-        return image[..., :channels], alpha
+        return image if image.shape[-1] == channels else image[..., :channels].clone(), alpha
 
     @staticmethod
     @first_order

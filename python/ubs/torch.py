@@ -29,7 +29,7 @@ import torch
 from torch import Tensor
 
 from ._abi import integer
-from ._data import Camera, FloatArray
+from ._data import Camera, FloatArray, checked_camera
 from ._device import DeviceLike, opened
 from ._drawing import Drawing
 from ._errors import NumericalError, UsageError
@@ -78,7 +78,10 @@ def _put(drawing: Drawing, parameters: Sequence[Tensor]) -> None:
         drawing.put([_array(tensor) for tensor in parameters])
         return
     rows = _shared(drawing, "parameters")
-    for part, tensor in zip(rows.split([tensor.shape[1] for tensor in parameters]), parameters):
+    parts = rows.split([tensor.shape[1] for tensor in parameters])
+    for name, part, tensor in zip(drawing.names, parts, parameters):
+        if not is_finite(_checked(tensor)):
+            raise NumericalError(f"the parameter {name} has values that are not finite")
         part.copy_(_checked(tensor).T)
     _wait(rows)
 
@@ -132,6 +135,8 @@ MOST_STRETCH = 0.1
 
 
 def _values(tensor: Tensor, what: str, *shapes: tuple[int, ...]) -> np.ndarray[Any, np.dtype[np.float64]]:
+    if not isinstance(tensor, Tensor):
+        raise UsageError(f"{what} must be a torch.Tensor, not {type(tensor).__name__}")
     if tuple(tensor.shape) not in shapes:
         raise UsageError(f"{what} has the shape {tuple(tensor.shape)}, not {' or '.join(map(str, shapes))}")
     values: np.ndarray[Any, np.dtype[np.float64]] = tensor.detach().double().cpu().numpy()
@@ -218,6 +223,29 @@ class _Render(torch.autograd.Function):
         return (None, None, None, *view, *found)
 
 
+def _rendered(
+    drawing: Drawing,
+    camera: Camera,
+    pose: Tensor | None,
+    intrinsics: Tensor | None,
+    time: Tensor | None,
+    tensors: Sequence[Tensor],
+) -> tuple[Tensor, ...]:
+    """Renders splats with these parameters, of which there may be none."""
+    view = checked_camera(camera), pose, intrinsics, time
+    if tensors[0].shape[:1] != (0,):
+        pictures: tuple[Tensor, ...] = _Render.apply(torch.is_grad_enabled(), drawing, *view, *tensors)
+        return pictures
+    # A model must have at least one splat, so render a single transparent splat. Add the sum over the empty parameters,
+    # which is 0, so that the parameters get gradients.
+    none = cast(Tensor, sum(tensor.sum() for tensor in tensors))
+    transparent = [tensor.new_full((1, *tensor.shape[1:]), -1e3 if name == "opacity" else 0.0)
+                   for name, tensor in zip(drawing.names, tensors)]
+    with torch.no_grad():
+        empty: tuple[Tensor, ...] = _Render.apply(False, drawing, *view, *transparent)
+    return tuple(picture + none for picture in empty)
+
+
 class Splats(torch.nn.Module):
     """A module with the raw parameters of a model. It has one torch.nn.Parameter (splats, values per splat) for each
     name in Model.parameters, such as `xyz`. These may be replaced by parameters for a different number of splats. With
@@ -253,10 +281,7 @@ class Splats(torch.nn.Module):
         is not exactly a rotation, the nearest rotation is used for the image and its gradient, so an optimiser can
         change the entries of the matrix independently. Raises DataError if a singular value of the rotation matrix is
         not between 0.9 and 1.1."""
-        pictures: tuple[Tensor, ...] = _Render.apply(
-            torch.is_grad_enabled(), self._drawing, camera, pose, intrinsics, time, *self._tensors()
-        )
-        return pictures
+        return _rendered(self._drawing, camera, pose, intrinsics, time, self._tensors())
 
     def model(self) -> Model:
         """Returns a copy of the model with the current values of the parameters."""
@@ -306,19 +331,7 @@ def render(
     if set(given) != set(drawing.names):
         raise UsageError(f"the parameters are {', '.join(given)}, but this variant has {', '.join(drawing.names)}")
     tensors = [given[name] for name in drawing.names]
-    if tensors[0].shape[:1] != (0,):
-        pictures: tuple[Tensor, ...] = _Render.apply(
-            torch.is_grad_enabled(), drawing, camera, pose, intrinsics, time, *tensors
-        )
-        return pictures
-    # A model must have at least one splat, so render a single transparent splat. Add the sum over the empty parameters,
-    # which is 0, so that the parameters get gradients.
-    none = cast(Tensor, sum(tensor.sum() for tensor in tensors))
-    transparent = [tensor.new_full((1, *tensor.shape[1:]), -1e3 if name == "opacity" else 0.0)
-                   for name, tensor in zip(drawing.names, tensors)]
-    with torch.no_grad():
-        empty: tuple[Tensor, ...] = _Render.apply(False, drawing, camera, pose, intrinsics, time, *transparent)
-    return tuple(picture + none for picture in empty)
+    return _rendered(drawing, camera, pose, intrinsics, time, tensors)
 
 
 def _check_tensor(name: str, tensor: Tensor, shape: tuple[int, ...], like: Tensor) -> None:
@@ -359,13 +372,15 @@ def rasterize(
 
     background (D,): the colour behind the splats. If it is None, the colour is 0. Returns the image (height, width, D)
     and its alpha (height, width). All tensors except depths get gradients."""
-    if means2d.dtype != torch.float32 or means2d.dim() != 2:
-        raise UsageError(f"means2d must be float32 (n, 2), not {means2d.dtype} {tuple(means2d.shape)}")
+    if not isinstance(means2d, Tensor) or means2d.dtype != torch.float32 or means2d.dim() != 2:
+        given = f"{means2d.dtype} {tuple(means2d.shape)}" if isinstance(means2d, Tensor) else type(means2d).__name__
+        raise UsageError(f"means2d must be a float32 tensor (n, 2), not {given}")
     n = len(means2d)
     _check_tensor("means2d", means2d, (n, 2), means2d)
     _check_tensor("covs2d", covs2d, (n, 2, 2), means2d)
     _check_tensor("depths", depths, (n,), means2d)
-    _check_tensor("colors", colors, (n, colors.shape[-1]), means2d)
+    channels = colors.shape[1] if isinstance(colors, Tensor) and colors.dim() == 2 else 1
+    _check_tensor("colors", colors, (n, channels), means2d)
     _check_tensor("opacities", opacities, (n,), means2d)
     width, height = integer(width, "width", 1), integer(height, "height", 1)
     least, most = extremes(opacities)

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 from enum import Enum
-from typing import Any, Callable, Literal, Optional, Sequence, get_args
+from typing import Any, Callable, Iterator, Literal, Optional, Sequence, get_args
 
 import torch
 from torch import Tensor
@@ -22,6 +22,7 @@ CameraModel = Literal["pinhole", "ortho", "fisheye"]
 RenderMode = Literal["RGB", "D", "ED", "RGB+D", "RGB+ED"]
 RasterizeMode = Literal["classic", "antialiased"]
 LEAST_COMPENSATION = 0.005  # smallest factor of opacities with rasterize_mode "antialiased"
+FARTHEST = 1e30  # the largest distance of a far plane
 REACH = 3.33  # maximum number of standard deviations that radii cover
 
 
@@ -80,6 +81,11 @@ def _number(name: str, value: Any) -> float:
         shown = " ".join(repr(value).split())  # a tensor is shown on several lines
         raise UsageError(f"{name}={shown} must be a finite number of at least 0")
     return found
+
+
+def _planes(near: Any, far: Any) -> tuple[float, float]:
+    """Converts the arguments near_plane and far_plane. A far plane at infinity is moved to a finite distance."""
+    return _number("near_plane", near), FARTHEST if far == math.inf else _number("far_plane", far)
 
 
 def _whole(name: str, value: Any, most: int = 65536) -> int:
@@ -376,7 +382,7 @@ def fully_fused_projection(
     if sparse_grad:
         means, covars, quats, scales = _with_sparse_gradients(packed, rows, means, covars, quats, scales)
     size = _whole("width", width), _whole("height", height)
-    planes = _number("near_plane", near_plane), _number("far_plane", far_plane)
+    planes = _planes(near_plane, far_plane)
     eps2d, radius_clip = _number("eps2d", eps2d), _number("radius_clip", radius_clip)
     batch = _checked(means, covars, quats, scales, viewmats, Ks, camera_model)
     seen = _projected(means, covars, quats, scales, viewmats, Ks, size, eps2d, planes, camera_model)
@@ -412,18 +418,63 @@ def _with_sparse_gradients(packed: bool, rows: list[Tensor], *tensors: Tensor | 
 
 class Meta(dict):  # type: ignore[type-arg]
     """The values that rasterization() returns in addition to images and alphas, by their names in gsplat. Values that
-    few callers need are computed when they are read."""
+    few callers need are computed when they are read, or when the caller asks for all values."""
 
-    later: dict[str, Callable[[], Tensor]] = {}
+    def __init__(self, **values: Any) -> None:
+        super().__init__(values)
+        self.later: dict[str, Callable[[], Tensor]] = {}
+
+    def compute_later(self, name: str, value: Callable[[], Tensor], *inputs: Tensor) -> None:
+        """Sets a value that is computed when it is read. Reading it raises UsageError if one of `inputs` has been
+        changed in place, because the value would then not describe what has been rendered."""
+        versions = [tensor._version for tensor in inputs]
+
+        def checked() -> Tensor:
+            if [tensor._version for tensor in inputs] != versions:
+                raise UsageError(
+                    f"meta['{name}'] is computed when it is read, but the tensors have been changed since they were "
+                    f"rendered: read it earlier, before the step of the optimiser"
+                )
+            return value()
+
+        self.pop(name, None)
+        self.later[name] = checked
 
     def __missing__(self, key: str) -> Any:
         if key in self.later:
             self[key] = self.later[key]()
+            del self.later[key]
             return self[key]
-        raise KeyError(f"{key}: ubs does not return this value: choose one of {', '.join([*self, *self.later])}")
+        raise KeyError(f"{key}: ubs does not return this value: choose one of {', '.join([*super().keys(), *self.later])}")
 
     def __contains__(self, key: object) -> bool:
         return super().__contains__(key) or key in self.later
+
+    def get(self, key: str, default: Any = None) -> Any:
+        return self[key] if key in self else default
+
+    def copy(self) -> dict[str, Any]:
+        for name in list(self.later):
+            self[name]
+        return dict(super().items())
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.copy())
+
+    def __len__(self) -> int:
+        return len(self.copy())
+
+    def __reduce__(self) -> Any:
+        return dict, (self.copy(),)
+
+    def keys(self) -> Any:
+        return self.copy().keys()
+
+    def values(self) -> Any:
+        return self.copy().values()
+
+    def items(self) -> Any:
+        return self.copy().items()
 
 
 def rasterization(
@@ -503,7 +554,7 @@ def rasterization(
     width, height = size = _whole("width", width), _whole("height", height)
     tile_size = _whole("tile_size", tile_size)
     channel_chunk = _whole("channel_chunk", channel_chunk, 2**31 - 1)
-    planes = _number("near_plane", near_plane), _number("far_plane", far_plane)
+    planes = _planes(near_plane, far_plane)
     eps2d, radius_clip = _number("eps2d", eps2d), _number("radius_clip", radius_clip)
     batch = _checked(means, covars, quats, scales, viewmats, Ks, camera_model)
     n, cameras, flat = means.shape[-2], viewmats.shape[-3], math.prod(batch)
@@ -518,11 +569,13 @@ def rasterization(
     strength = opacities.reshape(flat, 1, n).expand(flat, cameras, n)
     with_colors, with_depth = "RGB" in render_mode, "D" in render_mode
     degree = sh_degree if with_colors else None
+    if with_colors:
+        _check_channels("colors", _shape(colors, "colors", 2 if degree is None else 3), degree)
     special = batch or radius_clip > 0 or covars is not None or extra_signals is not None or camera_model != "pinhole"
     inputs = (means, quats, scales, covars, opacities, colors, viewmats, Ks, extra_signals)
     recorded = torch.is_grad_enabled() and any(isinstance(t, Tensor) and t.requires_grad for t in inputs)
     if absgrad and recorded:
-        special = special or channel_chunk < 3 or with_depth or _shape(colors, "colors", 2)[-1] > 3
+        special = special or channel_chunk < 3 or with_depth or colors.shape[-1] > 3
     if not special and fused.supports(colors if with_colors else None, scales, viewmats, Ks, degree, planes, eps2d):
         assert quats is not None and scales is not None
         values = None  # the channels (cameras or 1, n, D) that are not computed from harmonics
@@ -545,10 +598,12 @@ def rasterization(
                 seen = _projected(means, None, quats, scales, viewmats, Ks, size, eps2d, planes, camera_model)
                 return value(seen)[0][(meta["camera_ids"], meta["gaussian_ids"]) if packed else ...]
 
-            meta.later = {"conics": lambda: of_projection(_Projected.conics)}
+            used = (means, quats, scales, opacities, viewmats, Ks)
+            meta.compute_later("conics", lambda: of_projection(_Projected.conics), *used)
             if antialiased:
-                del meta["opacities"]
-                meta.later["opacities"] = lambda: of_projection(lambda seen: opacities * seen.compensation)
+                meta.compute_later(
+                    "opacities", lambda: of_projection(lambda seen: opacities * seen.compensation), *used
+                )
             channels = pictures[0][0].shape[-1]
             grounds = _grounds(backgrounds, means, batch, cameras, channels, 0, render_mode)
             return *_blended(pictures, grounds, render_mode, means, (cameras, height, width, channels)), meta
@@ -653,6 +708,7 @@ def _shaded(
     if degree is not None and len(shape) == 3 and batch:  # the same colours for the whole batch
         colors = colors.expand(*batch, *shape)
     last = shape[-1:] if degree is None else shape[-2:]
+    _check_channels(name, shape, degree)
     _check(name, colors, (*batch, n, *last), (*batch, cameras, n, *last), like=means)
     own = colors.dim() == len(batch) + 2 + len(last)  # each camera has its own colours
     colors = colors.reshape(flat, cameras if own else 1, n, *last)
@@ -668,6 +724,22 @@ def _shaded(
         dirs = points[:, 0][ids[0], ids[2]] - centres[:, :, 0][ids[0], ids[1]]
         return spherical_harmonics(degree, dirs, colors) + 0.5
     return spherical_harmonics(degree, points - centres, colors, visible) + 0.5
+
+
+def _check_channels(name: str, shape: tuple[int, ...], degree: Any) -> None:
+    """Checks the last dimensions of colours. `degree` is that of the argument sh_degree."""
+    setting = "sh_degree" if name == "colors" else f"{name}_sh_degree"
+    if shape[-1] == 0:
+        raise UsageError(f"{name} has the shape {shape}: there must be at least one channel")
+    if degree is None:
+        return
+    if isinstance(degree, BOOLEANS) or degree not in (0, 1, 2, 3, 4):
+        raise UsageError(f"{setting}={degree} must be a whole number from 0 to 4, or None")
+    if shape[-2] < (degree + 1) ** 2:
+        raise UsageError(
+            f"{name} has the shape {shape}, but {setting}={degree} needs {(int(degree) + 1) ** 2} coefficients: "
+            f"(..., {(int(degree) + 1) ** 2}, channels)"
+        )
 
 
 def _centres(viewmats: Tensor) -> Tensor:

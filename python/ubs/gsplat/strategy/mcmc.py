@@ -10,6 +10,8 @@ from typing import Any, Dict
 import torch
 from torch import Tensor
 
+from ..._errors import UsageError
+from ..._settings import BOOLEANS
 from .base import Strategy
 from .ops import Optimizers, Parameters, inject_noise_to_position, relocate, sample_add
 
@@ -41,6 +43,13 @@ class MCMCStrategy(Strategy):
     noise_opacity_k: float = 100.0
     """How fast the noise decreases with the opacity. The noise of a Gaussian is multiplied by
     sigmoid(noise_opacity_k * (noise_opacity_t - opacity))."""
+
+    def __post_init__(self) -> None:
+        if isinstance(self.refine_every, BOOLEANS) or self.refine_every < 1 or self.refine_every != int(self.refine_every):
+            raise UsageError(
+                f"refine_every={self.refine_every} must be a whole number of at least 1; if you pass arguments by "
+                f"position, noise_injection_stop_iter comes before refine_every, as in gsplat 1.6"
+            )
 
     def initialize_state(self) -> Dict[str, Any]:
         """Returns the state for step_post_backward(). It contains the table `binoms` for the functions in ops.py."""
