@@ -6,6 +6,8 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numeric>
+#include <vector>
 
 namespace ubs {
 namespace {
@@ -80,6 +82,31 @@ std::string decode_text(std::string_view text) {
     }
   }
   return bytes;
+}
+
+std::size_t edit_distance(std::string_view a, std::string_view b) {
+  std::vector<std::size_t> row(b.size() + 1);
+  std::iota(row.begin(), row.end(), std::size_t{0});
+  for (std::size_t i = 0; i < a.size(); ++i) {
+    std::size_t diagonal = row[0]++;
+    for (std::size_t j = 0; j < b.size(); ++j) {
+      const std::size_t replaced = diagonal + (a[i] != b[j]);
+      diagonal = row[j + 1];
+      row[j + 1] = std::min({replaced, row[j] + 1, row[j + 1] + 1});
+    }
+  }
+  return row.back();
+}
+
+std::string nearest_word(std::string_view word, std::span<const std::string> known) {
+  std::string best;
+  std::size_t least = 2 + word.size() / 5;  // words with this many differences are not suggested
+  for (const std::string& candidate : known)
+    if (const std::size_t d = edit_distance(word, candidate); d < least) {
+      least = d;
+      best = candidate;
+    }
+  return best;
 }
 
 std::string shell_word(std::string_view bytes) {

@@ -6,6 +6,7 @@
 #pragma once
 
 #include <cstddef>
+#include <span>
 #include <string>
 #include <string_view>
 
@@ -30,6 +31,12 @@ std::string duration_text(double seconds);
 // the end of the original, with the number of omitted bytes between them. This function is for messages that
 // quote the contents of a file.
 std::string shortened(std::string_view text);
+
+// Returns the number of bytes that must be changed, added or removed to convert `a` into `b`.
+std::size_t edit_distance(std::string_view a, std::string_view b);
+// Returns the known word that is closest to `word` if `word` is likely to be a misspelling of it, and
+// otherwise "".
+std::string nearest_word(std::string_view word, std::span<const std::string> known);
 
 // Returns the bytes as one word of a POSIX shell command. The word is quoted only if necessary.
 std::string shell_word(std::string_view bytes);

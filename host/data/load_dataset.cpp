@@ -274,7 +274,8 @@ namespace {
 struct Layout {
   std::string_view name;
   std::string_view title;  // data sets and programs that use this layout, for messages and help texts
-  bool (*recognise)(const fs::path& path);
+  // Returns the names of the files with cameras by which the layout is recognised; none for other layouts.
+  std::vector<std::string> (*camera_files)(const fs::path& path);
   LoadedScene (*load)(const fs::path& path, const DatasetOptions& options);
   std::string_view files;  // names of the files by which the layout is recognised, for messages
   // Options that the loader uses. open_undecoded() refuses the other options that refuse_unused() checks,
@@ -289,22 +290,38 @@ struct Layout {
   }
 };
 
+std::vector<std::string> named_if(bool found, const fs::path& name) {
+  return found ? std::vector{name.string()} : std::vector<std::string>{};
+}
+
 // The layouts, in the order in which they are tried.
 constexpr Layout kLayouts[] = {
-    {"packed", "", is_packed, load_packed, "a file of ubs pack", "", true},
+    {"packed", "", [](const fs::path& path) { return named_if(is_packed(path), path); }, load_packed,
+     "a file of ubs pack", "", true},
     {"blender", "Blender, D-NeRF",
      [](const fs::path& path) {
-       return std::ranges::any_of(kSplits, [&](const char* split) { return has_blender_split(path, split); });
+       std::vector<std::string> names;
+       for (const char* split : kSplits)
+         if (has_blender_split(path, split)) names.push_back(fmt::format("transforms_{}.json", split));
+       return names;
      },
      load_blender, "transforms_train.json, transforms_val.json or transforms_test.json", ""},
     {"nerfstudio", "nerfstudio",
      [](const fs::path& path) {
-       return is_regular(path) ? small_extension(path) == ".json" : path_exists(path / "transforms.json");
+       if (is_regular(path)) return named_if(small_extension(path) == ".json", path);
+       return named_if(path_exists(path / "transforms.json"), "transforms.json");
      },
      load_nerfstudio, "transforms.json", "--test-every"},
-    {"colmap", "COLMAP", [](const fs::path& path) { return !find_colmap_model(path).empty(); }, load_colmap,
-     "sparse/0/cameras.bin or cameras.txt", "--images --colmap-model --test-every"},
-    {"llff", "LLFF, N3V", [](const fs::path& path) { return path_exists(path / "poses_bounds.npy"); },
+    {"colmap", "COLMAP",
+     [](const fs::path& path) {
+       const fs::path model = find_colmap_model(path);
+       return named_if(!model.empty(), model);
+     },
+     load_colmap, "sparse/0/cameras.bin or cameras.txt", "--images --colmap-model --test-every"},
+    {"llff", "LLFF, N3V",
+     [](const fs::path& path) {
+       return named_if(path_exists(path / "poses_bounds.npy"), "poses_bounds.npy");
+     },
      load_llff, "poses_bounds.npy", "", true},
 };
 
@@ -345,7 +362,7 @@ void name_transforms_files(const fs::path& folder) {
 const Layout* layout_of(const fs::path& folder) {
   try {
     for (const Layout& layout : kLayouts)
-      if (layout.recognise(folder)) return &layout;
+      if (!layout.camera_files(folder).empty()) return &layout;
   } catch (const Error&) {
   }
   return nullptr;
@@ -393,8 +410,8 @@ void name_folders_nearby(const fs::path& folder) {
   fs::path above = (folder / "..").lexically_normal();
   if (above.filename().empty()) above = above.parent_path();  // removes the slash at the end
   if (const Layout* layout = layout_of(above))
-    fail(ErrorKind::data, "{}: not a data set: pass the folder above it, {} ({})",
-         folder.string(), shell_word(above.string()), layout->name);
+    fail(ErrorKind::data, "{}: not a data set: pass the folder above it, {} ({})", folder.string(),
+         shell_word(above.string()), layout->name);
   if (!models.empty()) {
     const fs::path& sub = models.front();
     const fs::path images = *std::ranges::max_element(
@@ -413,7 +430,7 @@ void name_folders_nearby(const fs::path& folder) {
 // Adds a note for each layout other than `used` whose files the folder also contains.
 void note_other_layouts(const fs::path& path, const Layout& used, LoadReport& report) {
   for (const Layout& layout : kLayouts)
-    if (&layout != &used && layout.recognise(path))
+    if (&layout != &used && !layout.camera_files(path).empty())
       report.note(fmt::format("the folder also has {}: not used (to use it instead: --layout {})",
                               layout.description(), layout.name));
 }
@@ -469,7 +486,7 @@ std::string layout_titles() {
 std::string detect_layout(const fs::path& path) {
   if (!is_folder(path) && !is_regular(path)) fail(ErrorKind::data, "{}: no such data folder", path.string());
   for (const Layout& layout : kLayouts)
-    if (layout.recognise(path)) return std::string(layout.name);
+    if (!layout.camera_files(path).empty()) return std::string(layout.name);
   if (!is_folder(path)) {
     const std::string what = describe_file(path);
     fail(ErrorKind::data, "{}: not a data set{}", path.string(),
@@ -498,11 +515,8 @@ std::string detect_layout(const fs::path& path) {
 
 std::string camera_files_in(const fs::path& folder) {
   std::vector<std::string> names;
-  for (const char* split : kSplits)
-    if (has_blender_split(folder, split)) names.push_back(fmt::format("transforms_{}.json", split));
-  if (path_exists(folder / "transforms.json")) names.emplace_back("transforms.json");
-  if (const fs::path model = find_colmap_model(folder); !model.empty()) names.push_back(model.string());
-  if (path_exists(folder / "poses_bounds.npy")) names.emplace_back("poses_bounds.npy");
+  for (const Layout& layout : kLayouts)
+    for (std::string& name : layout.camera_files(folder)) names.push_back(std::move(name));
   return fmt::format("{}", fmt::join(names, ", "));
 }
 

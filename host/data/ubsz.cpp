@@ -286,7 +286,7 @@ void take_group(ByteReader& in, const GroupCode& group, SplatModel& model) {
   }
 }
 
-void check_ubsz_finite(const MixedModel& model, ErrorKind kind, const std::string& name) {
+void require_finite(const MixedModel& model, ErrorKind kind, const std::string& name) {
   for (const SplatModel& group : model.groups)
     if (!std::ranges::all_of(group.values, [](float v) { return std::isfinite(v); }))
       fail(kind, "{}: a value of a splat with N = {} is not finite", name, group.dim);
@@ -359,7 +359,7 @@ namespace {
 // Returns the header entries of the groups of a model, and appends their planes to `packed`.
 Json pack_groups(const MixedModel& model, std::span<const UbszSteps> steps, std::vector<std::byte>& packed) {
   check_groups(model);
-  check_ubsz_finite(model, ErrorKind::numerical, "the model is not written");
+  require_finite(model, ErrorKind::numerical, "the model is not written");
   Json groups = Json::array();
   PlaneWriter planes;
   for (std::size_t g = 0; g < model.groups.size(); ++g) {
@@ -508,7 +508,7 @@ MixedModel unpack_ubsz(std::span<const std::byte> bytes, const std::string& name
   } catch (const Error& error) {
     fail(ErrorKind::data, "{}: {}", name, error.what());
   }
-  check_ubsz_finite(model, ErrorKind::data, name);
+  require_finite(model, ErrorKind::data, name);
   return model;
 }
 

@@ -8,10 +8,10 @@
 #include <charconv>
 #include <cmath>
 #include <nlohmann/json.hpp>
-#include <numeric>
 #include <optional>
 
 #include "host/base/error.hpp"
+#include "host/base/text.hpp"
 
 namespace ubs {
 namespace {
@@ -197,7 +197,8 @@ bool assign(const FieldValue& field, std::string_view text) {
   for (const FieldValue& field : fields) keys.emplace_back(field.key);
   const std::string nearest = nearest_word(key, keys);
   fail(ErrorKind::usage, "{}: unknown key '{}'{}", origin, key,
-       nearest.empty() ? "; `ubs train --help` lists the settings" : fmt::format("; did you mean '{}'?", nearest));
+       nearest.empty() ? "; `ubs train --help` lists the settings"
+                       : fmt::format("; did you mean '{}'?", nearest));
 }
 
 }  // namespace
@@ -219,31 +220,6 @@ std::string to_string(const Background& background) {
   std::string text = fmt::format("{}", fmt::join(background.colour, ","));
   for (const double number : background.harmonics) text += fmt::format(",{}", number);
   return text;
-}
-
-std::size_t edit_distance(std::string_view a, std::string_view b) {
-  std::vector<std::size_t> row(b.size() + 1);
-  std::iota(row.begin(), row.end(), std::size_t{0});
-  for (std::size_t i = 0; i < a.size(); ++i) {
-    std::size_t diagonal = row[0]++;
-    for (std::size_t j = 0; j < b.size(); ++j) {
-      const std::size_t replaced = diagonal + (a[i] != b[j]);
-      diagonal = row[j + 1];
-      row[j + 1] = std::min({replaced, row[j] + 1, row[j + 1] + 1});
-    }
-  }
-  return row.back();
-}
-
-std::string nearest_word(std::string_view word, std::span<const std::string> known) {
-  std::string best;
-  std::size_t least = 2 + word.size() / 5;  // words with this many differences are not suggested
-  for (const std::string& candidate : known)
-    if (const std::size_t d = edit_distance(word, candidate); d < least) {
-      least = d;
-      best = candidate;
-    }
-  return best;
 }
 
 std::string field_text(const FieldValue& field) {

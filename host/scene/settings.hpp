@@ -49,10 +49,4 @@ std::vector<std::string> load_yaml(FieldValues fields, const std::filesystem::pa
 std::string to_yaml(FieldValues fields);
 nlohmann::ordered_json to_json(FieldValues fields);
 
-// Returns the number of characters that must be changed, added or removed to convert `a` into `b`.
-std::size_t edit_distance(std::string_view a, std::string_view b);
-// Returns the known word that is closest to `word` if `word` is likely to be a misspelling of it, and
-// otherwise "".
-std::string nearest_word(std::string_view word, std::span<const std::string> known);
-
 }  // namespace ubs

@@ -345,10 +345,10 @@ typedef struct ubs_gaussians {
 } ubs_gaussians;
 
 /* Creates a renderer and copies the model to the device. Parameters that are not finite are refused with
- * UBS_ERROR_NUMERICAL, except with UBS_RENDER_GAUSSIANS, where they are not used. If `settings` is NULL, the settings of
- * ubs_model_get_settings are used. `flags` determines which operations the renderer supports. Gradients with
- * respect to positions include the effect of a position on the view direction. The published training ignores
- * this effect. To ignore it here too, set "query_grad" to "false". */
+ * UBS_ERROR_NUMERICAL, except with UBS_RENDER_GAUSSIANS, where they are not used. If `settings` is NULL, the
+ * settings of ubs_model_get_settings are used. `flags` determines which operations the renderer supports.
+ * Gradients with respect to positions include the effect of a position on the view direction. The published
+ * training ignores this effect. To ignore it here too, set "query_grad" to "false". */
 UBS_API ubs_status ubs_renderer_create(ubs_device* device, const ubs_model* model,
                                        const ubs_settings* settings, unsigned flags, ubs_renderer** renderer);
 /* Describes a user-defined falloff of splats, which replaces (1 - r)^beta. For r < support, the opacity is

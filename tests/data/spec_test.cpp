@@ -6,6 +6,7 @@
 #include <nlohmann/json.hpp>
 #include <set>
 
+#include "host/base/text.hpp"
 #include "host/scene/settings.hpp"
 #include "host/scene/train_settings.hpp"
 #include "host/train/run_settings.hpp"

@@ -595,7 +595,7 @@ TEST_CASE("errors describe the problem") {
   camera = simple_camera();
   camera.extra_count = 5;
   check_error(UBS_ERROR_USAGE, "query values", [&] { renderer.draw(camera); });
-  check_error(UBS_ERROR_DATA, "further query values",
+  check_error(UBS_ERROR_USAGE, "`extra` of the camera has 0 values",
               [&] { ubs::Renderer(device, small_model(8)).draw(simple_camera()); });
   check_error(UBS_ERROR_USAGE, "UBS_RENDER_GRADIENTS",
               [&] { renderer.vjp(simple_camera(), pixels, {}, ubs::Model(model)); });

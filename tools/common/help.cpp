@@ -9,7 +9,7 @@
 #include <utility>
 
 #include "host/base/error.hpp"
-#include "host/scene/settings.hpp"
+#include "host/base/text.hpp"
 
 namespace ubs::tools {
 namespace {

@@ -37,18 +37,16 @@ bool is_read_by_name(const std::string& name, const fs::path& root) {
          (name.starts_with("cam") && path_exists(root / "poses_bounds.npy"));
 }
 
-bool has_cameras(const fs::path& file) {
-  constexpr std::array kNames{"cameras.txt", "images.txt", "cameras.bin", "images.bin", "poses_bounds.npy"};
-  const std::string name = file.filename().string();
-  return name.starts_with("transforms") || std::ranges::find(kNames, name) != kNames.end();
-}
-
-// Returns whether the folder directly contains cameras, or whether loaders of data in `root` would look into
+// Returns whether the folder contains cameras, or whether loaders of data in `root` would look into
 // it.
 bool is_data_folder(const fs::path& folder, const fs::path& root) {
   const fs::path below = resolved_path(folder).lexically_relative(resolved_path(root));
   if (!below.has_parent_path() && is_read_by_name(below.string(), root)) return true;
-  return is_folder(folder) && std::ranges::any_of(folder_entries(folder), has_cameras);
+  if (!is_folder(folder)) return false;
+  const auto is_frames_file = [](const fs::path& file) {
+    return file.filename().string().starts_with("transforms");
+  };
+  return !camera_files_in(folder).empty() || std::ranges::any_of(folder_entries(folder), is_frames_file);
 }
 
 [[noreturn]] void refuse_data_folder(const fs::path& folder) {

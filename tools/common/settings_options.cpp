@@ -91,9 +91,10 @@ TrainSettings SettingsOptions::resolve(TrainSettings settings) const {
   return settings;
 }
 
-std::vector<std::string_view> drawing_keys() {
+std::vector<std::string_view> drawing_keys(std::initializer_list<std::string_view> more) {
   std::vector<std::string_view> keys = keys_used(kOfReading | kOfDrawing);
   keys.insert(keys.end(), {"raster", "math", "image_cache_mb"});
+  keys.insert(keys.end(), more);
   return keys;
 }
 

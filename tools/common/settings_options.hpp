@@ -6,6 +6,7 @@
 
 #include <CLI/CLI.hpp>
 #include <deque>
+#include <initializer_list>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -46,7 +47,7 @@ class SettingsOptions {
   std::vector<std::string> specs_, assignments_;
 };
 
-// Returns the fields that determine how a finished model is rendered and compared.
-std::vector<std::string_view> drawing_keys();
+// Returns the fields that determine how a finished model is rendered and compared, and the fields `more`.
+std::vector<std::string_view> drawing_keys(std::initializer_list<std::string_view> more = {});
 
 }  // namespace ubs::tools

@@ -26,14 +26,8 @@ namespace {
 namespace fs = std::filesystem;
 using namespace ubs::accuracy;
 
-std::vector<std::string_view> accuracy_keys() {
-  std::vector<std::string_view> keys = drawing_keys();
-  keys.insert(keys.end(), {"lambda_dssim", "query_grad"});
-  return keys;
-}
-
 struct AccuracyOptions {
-  explicit AccuracyOptions(CLI::App& app) : settings(app, accuracy_keys()) {}
+  explicit AccuracyOptions(CLI::App& app) : settings(app, drawing_keys({"lambda_dssim", "query_grad"})) {}
   SettingsOptions settings;
   std::vector<std::string> scenes, devices, configurations;
   std::string data, model, split = "test", out;

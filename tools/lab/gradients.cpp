@@ -22,14 +22,8 @@
 namespace ubs::tools {
 namespace {
 
-std::vector<std::string_view> gradient_keys() {
-  std::vector<std::string_view> keys = drawing_keys();
-  keys.insert(keys.end(), {"lambda_dssim", "query_grad"});
-  return keys;
-}
-
 struct GradientsOptions : ModelOptions {
-  explicit GradientsOptions(CLI::App& app) : ModelOptions(app, gradient_keys()) {}
+  explicit GradientsOptions(CLI::App& app) : ModelOptions(app, drawing_keys({"lambda_dssim", "query_grad"})) {}
   std::string out, target;
   int view = 0;
   bool json = false, cameras = false, overwrite = false;
