@@ -115,7 +115,7 @@ SkyTable sky_kernels();
 
 // ImageGradientTable contains the kernels of kernels/map/image_gradient.cl, which loss_kernels.cu compiles.
 // They have one thread per pixel or splat.
-using ImageGradientTable = KernelTable<AlphaToColoursKernel, DepthColumnsKernel, RowSumsKernel,
+using ImageGradientTable = KernelTable<AlphaToColoursKernel, DepthSumsKernel, RowSumsKernel, DepthMeanKernel,
                                        DepthToRecordsKernel, DepthToImageKernel, DepthFromRecordsKernel>;
 ImageGradientTable image_gradient_kernels();
 

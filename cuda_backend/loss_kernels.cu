@@ -41,7 +41,8 @@ AppearanceTable appearance_kernels() {
 }
 
 ImageGradientTable image_gradient_kernels() {
-  return {alpha_to_colours, depth_columns, row_sums, depth_to_records, depth_to_image, depth_from_records};
+  return {alpha_to_colours, depth_sums,     row_sums,          depth_mean,
+          depth_to_records, depth_to_image, depth_from_records};
 }
 
 LossKernels loss_kernels(bool with_mask) {

@@ -106,3 +106,11 @@
 #define UBS_COMPENSATION_ARRAYS R(0.005)
 // The footprint of a splat is enlarged by this margin [px], because its bounds are rounded to single precision.
 #define UBS_FOOTPRINT_MARGIN R(1e-3)
+// The depth of a pixel has no gradient if its alpha is at most this value.
+#define UBS_FAINTEST_ALPHA R(1e-6)
+// The gradient of alpha is passed to the rasteriser in a colour channel. If the gradients of all colours of a pixel are
+// smaller than this share of the gradient of alpha (2^-30), one of them is set to it. This adds a relative error of
+// 1e-9. It is at least UBS_ALPHA_GRADIENT_MIN, so that the quotient of both gradients is finite; this matters for
+// gradients of alpha below 1e-29.
+#define UBS_ALPHA_GRADIENT_SHARE R(9.3132257e-10)
+#define UBS_ALPHA_GRADIENT_MIN R(2.4e-38)

@@ -31,7 +31,7 @@ struct OpenDevice {
 // Sets the error message of this thread, which ubs_error_message() returns.
 void remember_error(const char* message) noexcept;
 
-// Throws Error(numerical) if a parameter of a splat is not finite. The message contains the group and the splat.
+// Throws Error(numerical) if a parameter is not finite. The message names the parameter and the splat.
 void check_parameters(const MixedModel& model);
 
 // Runs `action` and returns UBS_OK. If `action` throws, sets the error message of this thread and returns the

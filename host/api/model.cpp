@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // This file implements the C interface for models in host memory.
 #include <algorithm>
+#include <bit>
 #include <cmath>
 #include <cstdlib>
 
@@ -48,13 +49,16 @@ void save(const LoadedModel& loaded, const std::string& path, const std::string&
 
 void check_parameters(const MixedModel& model) {
   for (const SplatModel& group : model.groups) {
-    const auto bad = std::ranges::find_if(group.values, [](float value) { return !std::isfinite(value); });
-    if (bad == group.values.end()) continue;
-    const auto [row, splat] = std::div(bad - group.values.begin(), static_cast<std::ptrdiff_t>(group.count));
+    bool bad = false;
+    for (const float value : group.values)  // without a branch, so that the compiler can vectorise the loop
+      bad |= (std::bit_cast<std::uint32_t>(value) & 0x7f800000u) == 0x7f800000u;
+    if (!bad) continue;
+    const auto at = std::ranges::find_if(group.values, [](float value) { return !std::isfinite(value); });
+    const auto [row, splat] = std::div(at - group.values.begin(), static_cast<std::ptrdiff_t>(group.count));
     for (const ParameterGroup& found : parameter_groups(group.layout()))
       if (row >= found.first && row < found.first + found.count)
-        fail(ErrorKind::numerical, "the parameter {} of splat {} is {}: only finite values can be rendered",
-             found.name, splat, *bad);
+        fail(ErrorKind::numerical, "the parameter {} of splat {} with N = {} is {}, but must be finite",
+             found.name, splat, group.dim, *at);
   }
 }
 

@@ -283,10 +283,10 @@ ubs_status ubs_renderer_update(ubs_renderer* renderer, const ubs_model* model) {
   return guarded([&] {
     ubs_renderer& r = given(renderer, "renderer");
     const LoadedModel& loaded = given(model, "model").loaded;
+    check_parameters(loaded.model);
     const std::lock_guard lock(r.open->mutex);
     need_rows(r, "ubs_renderer_update");
     check_same_groups(r.shape.model, loaded.model, false, "the new model");
-    check_parameters(loaded.model);
     r.kept.reset(), r.differentiated.reset();
     r.session->choose(loaded.model);
     r.shape.offset = loaded.offset;
@@ -495,6 +495,8 @@ ubs_status ubs_renderer_get_array(ubs_renderer* renderer, ubs_array_name name, u
         found = r.backward->v_alpha(r.v_alpha_shape);
         break;
       case UBS_ARRAY_V_DEPTH:
+        if (!(r.flags & UBS_RENDER_DEPTH))
+          fail(ErrorKind::usage, "the renderer was created without UBS_RENDER_DEPTH");
         r.v_depth_shape = shape_of_array();
         found = r.backward->v_depth(r.v_depth_shape);
         break;

@@ -38,7 +38,8 @@ void check_same_run(const Checkpoint& before, const Checkpoint& now, bool any_de
   if (before.device != now.device && !any_device)
     fail(ErrorKind::data,
          "the run was started on '{}', but this device is '{}', so results would not be bit-identical: "
-         "select the original device with --device, or continue here with `ubs train --resume RUN --any-device`",
+         "select the original device with --device, or continue here with "
+         "`ubs train --resume RUN --any-device`",
          before.device, now.device);
   if (before.build != now.build)
     warn(

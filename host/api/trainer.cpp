@@ -64,7 +64,8 @@ void check_as_opened(TrainSettings settings, const ubs_data& data) {
 }
 
 // Converts a model of the caller to the unit of training, and returns it as the initial model of the
-// training. Throws Error(usage) if the model cannot be trained with these settings.
+// training. Throws an error if the model cannot be trained with these settings, or has a parameter that is
+// not finite.
 SplatModel as_first(const LoadedModel& loaded, const std::array<double, 3>& offset,
                     const TrainSettings& settings) {
   const SplatModel& model = loaded.model.single("training");

@@ -125,15 +125,17 @@ using SkyStepKernel = void(float* state, const float* gradients, u32 views, floa
                            float inverse_sqrt_bias2, u32* sentinel, u32 stamp);
 inline constexpr Declared<SkyStepKernel> kSkyStep{"sky_step"};
 
-using AlphaToColoursKernel = void(int width, int pitch, int rows, const float* v_alpha,
+using AlphaToColoursKernel = void(int width, int height, int pitch, int rows, const float* v_alpha,
                                   const float* transmittance, float* image, float* v_image);
 inline constexpr Declared<AlphaToColoursKernel> kAlphaToColours{"alpha_to_colours"};
-using DepthColumnsKernel = void(int width, int height, int pitch, const float* depth, const float* v_depth,
-                                float* sums);
-inline constexpr Declared<DepthColumnsKernel> kDepthColumns{"depth_columns"};
-using DepthToRecordsKernel = void(u32 count, const float* sums, int pitch, float* records);
+using DepthSumsKernel = void(int width, int height, int pitch, int rows, const float* depth,
+                             const float* v_depth, float* sums);
+inline constexpr Declared<DepthSumsKernel> kDepthSums{"depth_sums"};
+using DepthMeanKernel = void(const float* sums, int pitch, int strips, float* mean);
+inline constexpr Declared<DepthMeanKernel> kDepthMean{"depth_mean"};
+using DepthToRecordsKernel = void(const float* mean, u32 count, float* records);
 inline constexpr Declared<DepthToRecordsKernel> kDepthToRecords{"depth_to_records"};
-using DepthToImageKernel = void(int width, int height, int pitch, int rows, const float* sums,
+using DepthToImageKernel = void(int width, int height, int pitch, int rows, const float* mean,
                                 const float* depth, const float* v_depth, float* image, float* v_image);
 inline constexpr Declared<DepthToImageKernel> kDepthToImage{"depth_to_image"};
 using DepthFromRecordsKernel = void(u32 count, const float* earlier, float* v_records);

@@ -118,27 +118,31 @@ class ImageGradientStages {
   ImageGradientStages(Device& device, Kernels kernels) : device_(device), kernels_(std::move(kernels)) {}
 
   void run(const AlphaToColours& a) {
-    check_image_gradient(a.shape, {a.v_alpha, a.transmittance}, {a.image, a.v_image});
+    check_image_gradient(a);
     const ImageShape& s = a.shape;
-    kernels_.launch_each(kAlphaToColours, s.width, s.height, s.width, s.pitch(), s.rows(), a.v_alpha,
+    kernels_.launch_each(kAlphaToColours, s.plane(), 1, s.width, s.height, s.pitch(), s.rows(), a.v_alpha,
                          a.transmittance, a.image, a.v_image);
   }
   void run(const DepthToRecords& a) {
-    check_image_gradient(a.shape, {a.depth, a.v_depth}, {});
+    check_image_gradient(a);
     const ImageShape& s = a.shape;
-    reserve(device_, sums_, "depth sums", 2 * static_cast<std::size_t>(s.pitch()));
-    kernels_.launch_each(kDepthColumns, s.pitch(), 1, s.width, s.height, s.pitch(), a.depth, a.v_depth,
-                         sums_.view());
-    kernels_.launch_each(kRowSums, 2, 1, sums_.view(), s.pitch(), 2);
-    kernels_.launch_each(kDepthToRecords, a.count, 1, a.count, sums_.view(), s.pitch(), a.records);
+    const int strips = s.tiles_y();
+    reserve(device_, sums_, "depth sums",
+            2 * static_cast<std::size_t>(strips) * static_cast<std::size_t>(s.pitch()));
+    kernels_.launch_each(kDepthSums, s.pitch(), strips, s.width, s.height, s.pitch(), s.rows(), a.depth,
+                         a.v_depth, sums_.view());
+    kernels_.launch_each(kRowSums, 2 * strips, 1, sums_.view(), s.pitch(), 2 * strips);
+    kernels_.launch_each(kDepthMean, 1, 1, sums_.view(), s.pitch(), strips, a.mean);
+    kernels_.launch_each(kDepthToRecords, a.count, 1, a.mean, a.count, a.records);
   }
   void run(const DepthToImage& a) {
-    check_image_gradient(a.shape, {a.depth, a.v_depth}, {a.image, a.v_image});
+    check_image_gradient(a);
     const ImageShape& s = a.shape;
-    kernels_.launch_each(kDepthToImage, s.pitch(), s.rows(), s.width, s.height, s.pitch(), s.rows(),
-                         sums_.view(), a.depth, a.v_depth, a.image, a.v_image);
+    kernels_.launch_each(kDepthToImage, s.plane(), 1, s.width, s.height, s.pitch(), s.rows(), a.mean, a.depth,
+                         a.v_depth, a.image, a.v_image);
   }
   void run(const DepthFromRecords& a) {
+    check_image_gradient(a);
     kernels_.launch_each(kDepthFromRecords, a.count, 1, a.count, a.earlier, a.v_records);
   }
 

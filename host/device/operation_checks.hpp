@@ -8,6 +8,7 @@
 #include <cmath>
 #include <cstdint>
 #include <initializer_list>
+#include <utility>
 
 #include "host/base/error.hpp"
 #include "host/device/stage_sizes.hpp"
@@ -189,15 +190,31 @@ inline void check_sky(const SkyStep& a) {
     fail(ErrorKind::internal, "sky: the stamp must not be 0 if a sentinel is passed");
 }
 
-// `planes` are buffers of one value per pixel, and `colours` are buffers of three.
-inline void check_image_gradient(const ImageShape& shape, std::initializer_list<BufferView<float>> planes,
-                                 std::initializer_list<BufferView<float>> colours) {
-  const auto too_small = [&](std::size_t channels) {
-    return [needed = channels * shape.plane()](const BufferView<float>& view) { return view.size < needed; };
-  };
-  if (std::ranges::any_of(planes, too_small(1)) || std::ranges::any_of(colours, too_small(3)))
-    fail(ErrorKind::internal, "image gradient: a buffer is too small for {}x{} pixels", shape.width,
-         shape.height);
+// `sizes` contains buffers with the numbers of floats that they must have at least.
+inline void check_image_gradient(
+    std::initializer_list<std::pair<const BufferView<float>*, std::size_t>> sizes) {
+  for (const auto& [view, needed] : sizes)
+    if (view->size < needed)
+      fail(ErrorKind::internal, "image gradient: a buffer has {} values, but {} are needed", view->size,
+           needed);
+}
+inline void check_image_gradient(const AlphaToColours& a) {
+  const std::size_t plane = a.shape.plane();
+  check_image_gradient(
+      {{&a.v_alpha, plane}, {&a.transmittance, plane}, {&a.image, 3 * plane}, {&a.v_image, 3 * plane}});
+}
+inline void check_image_gradient(const DepthToRecords& a) {
+  const std::size_t plane = a.shape.plane(), records = std::size_t{a.count} * kSplatStride;
+  check_image_gradient({{&a.depth, plane}, {&a.v_depth, plane}, {&a.mean, 1}, {&a.records, records}});
+}
+inline void check_image_gradient(const DepthToImage& a) {
+  const std::size_t plane = a.shape.plane();
+  check_image_gradient(
+      {{&a.depth, plane}, {&a.v_depth, plane}, {&a.mean, 1}, {&a.image, 3 * plane}, {&a.v_image, 3 * plane}});
+}
+inline void check_image_gradient(const DepthFromRecords& a) {
+  const std::size_t records = std::size_t{a.count} * kGradStride;
+  check_image_gradient({{&a.v_records, records}, {&a.earlier, a.earlier.size > 0 ? records : 0}});
 }
 
 inline void check_appearance(const AppearanceStep& step) {

@@ -409,8 +409,9 @@ struct SplitSources {
 // colours, which RasterBackward computes with. host/pipeline/image_gradient.hpp explains the method. All
 // images have the layout of RasterForward: (rows, pitch), or (3, rows, pitch).
 
-// Changes one channel of each pixel of `image`, so that RasterBackward computes the gradient of colours and
-// alpha. If v_image is 0 or nearly 0 in all channels of a pixel, one of them is changed, too.
+// Changes one channel of each pixel of `image` whose v_alpha is not 0, so that RasterBackward computes the
+// gradient of colours and alpha. If v_image is 0 or nearly 0 in all channels of such a pixel, one of them is
+// changed, too.
 struct AlphaToColours {
   ImageShape shape;
   BufferView<float> v_alpha, transmittance;
@@ -422,13 +423,16 @@ struct DepthToRecords {
   ImageShape shape;
   BufferView<float> depth, v_depth;
   std::uint32_t count = 0;
+  BufferView<float> mean;     // out (1): z0
   BufferView<float> records;  // in/out (count, kSplatStride)
 };
-// Replaces `image`, which RasterForward has rendered from the result of the last DepthToRecords, and v_image,
-// so that the next RasterBackward and SumSlots compute the gradient of depth as if it were a colour.
+// Replaces `image`, which RasterForward has rendered from the result of DepthToRecords on a black background,
+// and v_image, so that the next RasterBackward and SumSlots compute the gradient of depth as if it were a
+// colour.
 struct DepthToImage {
   ImageShape shape;
   BufferView<float> depth, v_depth;
+  BufferView<float> mean;     // output of DepthToRecords
   BufferView<float> image;    // in/out
   BufferView<float> v_image;  // out
 };

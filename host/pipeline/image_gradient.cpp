@@ -10,7 +10,7 @@ namespace ubs {
 namespace {
 
 // Writes an image (height, width, channels) to the planes of a buffer, and 0 beyond the image.
-void upload(Device& device, BufferView<float> to, std::span<const float> values, std::size_t channels,
+void upload(Device& device, const BufferView<float>& to, std::span<const float> values, std::size_t channels,
             const ImageShape& shape) {
   const auto width = static_cast<std::size_t>(shape.width), height = static_cast<std::size_t>(shape.height);
   std::vector<float> planes(channels * shape.plane());
@@ -24,7 +24,7 @@ void upload(Device& device, BufferView<float> to, std::span<const float> values,
 
 }  // namespace
 
-BufferView<float> ImageBackward::plane(Buffer<float>& buffer, const ImageShape& shape) {
+BufferView<float> ImageBackward::zeros(Buffer<float>& buffer, const ImageShape& shape) {
   reserve(device_, buffer, "image gradient", shape.plane());
   buffer.zero();
   return buffer.view();
@@ -37,7 +37,10 @@ void ImageBackward::colours_to_records(const ImageGradient& v) {
   else if (!v.rgb_on_device)
     renderer_.v_image(shape);  // fills it with zeros
   if (v.has_alpha()) {
-    if (!v.alpha.empty()) upload(device_, v_alpha(shape), v.alpha, 1, shape);
+    if (!v.alpha.empty()) {
+      reserve(device_, v_alpha_, "image gradient", shape.plane());
+      upload(device_, v_alpha_.view(), v.alpha, 1, shape);
+    }
     stages_.alpha_to_colours({.shape = shape,
                               .v_alpha = v_alpha(),
                               .transmittance = renderer_.transmittance(),
@@ -57,16 +60,22 @@ void ImageBackward::depth_to_records(const ImageGradient& v) {
     reserve(device_, earlier_, "gradients of colours", v_records.size);
     device_.copy(*v_records.memory, 0, *earlier_.view().memory, 0, v_records.size * sizeof(float));
   }
-  if (!v.depth.empty()) upload(device_, v_depth(shape), v.depth, 1, shape);
+  if (!v.depth.empty()) {
+    reserve(device_, v_depth_, "image gradient", shape.plane());
+    upload(device_, v_depth_.view(), v.depth, 1, shape);
+  }
+  reserve(device_, mean_, "mean depth", 1);
   stages_.depth_to_records({.shape = shape,
                             .depth = renderer_.depth(),
                             .v_depth = v_depth(),
                             .count = count,
+                            .mean = mean_.view(),
                             .records = renderer_.records()});
   renderer_.draw_again();
   stages_.depth_to_image({.shape = shape,
                           .depth = renderer_.depth(),
                           .v_depth = v_depth(),
+                          .mean = mean_.view(),
                           .image = renderer_.image(),
                           .v_image = renderer_.v_image()});
   renderer_.backward_to_records();

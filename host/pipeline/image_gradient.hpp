@@ -9,9 +9,9 @@
 
 namespace ubs {
 
-// ImageGradient holds the gradients with respect to the pixels. Those in host memory are in the spans. Others
-// may be in device memory instead, in the buffers Renderer::v_image(), ImageBackward::v_alpha() and
-// ImageBackward::v_depth(). All others are 0.
+// ImageGradient holds the gradients with respect to the pixels. Each of them is in host memory (the span), or
+// in device memory (the flag is set, and the values are in Renderer::v_image(), ImageBackward::v_alpha() or
+// ImageBackward::v_depth()), or 0 (neither).
 struct ImageGradient {
   std::span<const float> rgb;    // (height, width, 3)
   std::span<const float> alpha;  // (height, width)
@@ -40,31 +40,31 @@ struct ImageGradient {
 // camera. The green channel of the pass is W.
 class ImageBackward {
  public:
-  // `stages` may be any stages of the device.
+  // The class uses stages that do not depend on the variant, so `stages` may be any stages of the device.
   ImageBackward(Device& device, Stages& stages, Renderer& renderer)
       : device_(device), stages_(stages), renderer_(renderer) {}
 
   // Return a buffer (rows, pitch) for a view of this size, filled with zeros.
-  BufferView<float> v_alpha(const ImageShape& shape) { return plane(v_alpha_, shape); }
-  BufferView<float> v_depth(const ImageShape& shape) { return plane(v_depth_, shape); }
+  BufferView<float> v_alpha(const ImageShape& shape) { return zeros(v_alpha_, shape); }
+  BufferView<float> v_depth(const ImageShape& shape) { return zeros(v_depth_, shape); }
   BufferView<float> v_alpha() const { return v_alpha_.view(); }
   BufferView<float> v_depth() const { return v_depth_.view(); }
 
-  // The last forward pass of the renderer must have been called with for_backward = true. This function
-  // overwrites the rendered image if there is a gradient of alpha or depth, and the colours of the projected
-  // splats if there is one of depth. v_params has one buffer per group. If v_params is empty, the function
-  // only computes the gradient of the projected splats, Renderer::v_records().
+  // The last forward pass of the renderer must have been called with for_backward = true. v_params has one
+  // buffer per group. If v_params is empty, the function only computes the gradient of the projected splats,
+  // Renderer::v_records(). It overwrites Renderer::v_image(). If there is a gradient of alpha or depth, it
+  // also overwrites the rendered image, and if there is one of depth, the colours of the projected splats.
   void run(const ImageGradient& v, std::span<const BufferView<float>> v_params);
 
  private:
-  BufferView<float> plane(Buffer<float>& buffer, const ImageShape& shape);
+  BufferView<float> zeros(Buffer<float>& buffer, const ImageShape& shape);
   void colours_to_records(const ImageGradient& v);
   void depth_to_records(const ImageGradient& v);
 
   Device& device_;
   Stages& stages_;
   Renderer& renderer_;
-  Buffer<float> v_alpha_, v_depth_;
+  Buffer<float> v_alpha_, v_depth_, mean_;
   Buffer<float> earlier_;  // v_records of colours and alpha, while those of depth are computed
 };
 

@@ -305,8 +305,9 @@ typedef struct ubs_image {
 
 typedef struct ubs_image_gradient {
   size_t size;
-  /* An array that is NULL stands for a gradient of 0. UBS_ARRAY_V_RGB and the two similar arrays are in the
-   * memory of the device, and all others in host memory. The renderer does not check the values of the former. */
+  /* An array that is NULL stands for a gradient of 0. UBS_ARRAY_V_RGB, UBS_ARRAY_V_ALPHA and
+   * UBS_ARRAY_V_DEPTH of this renderer are passed by their addresses in device memory; all other arrays are
+   * in host memory. Values in device memory are not checked. */
   const float* rgb;   /* (height, width, 3) */
   const float* alpha; /* (height, width) */
   const float* depth; /* (height, width); requires UBS_RENDER_DEPTH; ignored for pixels with alpha < 1e-6 */
@@ -360,7 +361,7 @@ UBS_API ubs_status ubs_renderer_create(ubs_device* device, const ubs_model* mode
  * device. */
 typedef struct ubs_falloff {
   size_t size;
-  const char* log2;       /* the binary logarithm of the factor of the opacity */
+  const char* log2;       /* the binary logarithm of the factor of the opacity, at most 0 */
   const char* r_slope;    /* the derivative of `log2` with respect to r */
   const char* beta_slope; /* the derivative of `log2` with respect to beta */
   float support;          /* above 0, at most 100 */
@@ -454,7 +455,8 @@ typedef enum ubs_array_name {
    * not between the near and far planes are undefined. */
   UBS_ARRAY_OPACITIES = 10,
   UBS_ARRAY_V_ALPHA = 11, /* (height, width): as UBS_ARRAY_V_RGB, for the gradient of alpha */
-  UBS_ARRAY_V_DEPTH = 12  /* (height, width): as UBS_ARRAY_V_RGB, for the gradient of depth */
+  /* (height, width): as UBS_ARRAY_V_RGB, for the gradient of depth. Requires UBS_RENDER_DEPTH. */
+  UBS_ARRAY_V_DEPTH = 12
 } ubs_array_name;
 
 typedef struct ubs_array {

@@ -820,6 +820,9 @@ REFUSED: list[tuple[str, dict[str, Any]]] = [
     ("far_plane=None", {"far_plane": None}),
     ("near_plane", {"near_plane": torch.ones(50)}),
     ("near_plane", {"near_plane": -1.0}),
+    ("near_plane", {"near_plane": math.inf}),
+    ("far_plane", {"far_plane": torch.ones(50)}),
+    ("far_plane", {"far_plane": np.ones(2)}),
     ("eps2d", {"eps2d": math.nan}),
     ("opacities", {"opacities": torch.full((30,), 1.5)}),
     ("opacities has the shape", {"opacities": torch.ones(30, 1)}),
@@ -895,18 +898,25 @@ def test_the_dictionary_can_be_copied_and_saved(packed: bool, fused_calls: list[
     stream = io.BytesIO()
     torch.save(meta(), stream)
     stream.seek(0)
-    for found in ({**meta()}, meta().copy(), dict(meta().items()), torch.load(stream), dict(zip(meta(), meta().values()))):
+    saved = torch.load(stream, weights_only=True)  # the default of later versions of PyTorch
+    zipped = dict(zip(meta(), meta().values()))
+    for found in ({**meta()}, meta().copy(), dict(meta().items()), meta() | {}, saved, zipped):
         assert set(found) == set(expected) == set(meta().keys()) and len(meta()) == len(expected)
         for name in ("conics", "opacities"):
             assert torch.allclose(found[name], expected[name], rtol=1e-4, atol=1e-6)
             assert torch.equal(found[name], meta().get(name)) and name in meta()
     assert meta().get("isect_ids") is None and len(fused_calls) > 5
+    assert torch.equal(meta().pop("conics"), meta()["conics"]) and "opacities" in repr(meta())
+    with torch.inference_mode():  # tensors do not record changes in place
+        inferred = rasterization(**{**s, "scales": s["scales"] * 1}, **how, viewmats=cameras)[2]
+        assert torch.equal(inferred["conics"], meta()["conics"])
     changed = meta()
     with torch.no_grad():
         s["scales"] *= 2
     for name in ("conics", "opacities"):
         with pytest.raises(ubs.UsageError, match=f"'{name}'.* have been changed since they were rendered"):
             changed[name]
+    assert list(changed) == list(changed.keys()) and len(changed) == len(expected)  # names need no values
 
 
 @pytest.mark.parametrize("learnt_cameras", [False, True])

@@ -325,7 +325,7 @@ def test_mcmc_moves_adds_and_shakes() -> None:
     strategy.step_post_backward(params, optimizers, state, 11, {}, lr=0.5)
     moved = params["means"] - means
     assert float(moved[21:].abs().max()) < 1e-6
-    with pytest.raises(ubs.UsageError, match="noise_injection_stop_iter comes before refine_every"):
+    with pytest.raises(ubs.UsageError, match="use the order of gsplat 1.6"):
         MCMCStrategy(1000, 5e5, 500, 25000, 100, 0.005, True)  # in the order of gsplat 1.5
     still = MCMCStrategy(noise_injection_stop_iter=11)
     means = params["means"].detach().clone()

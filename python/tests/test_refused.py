@@ -125,7 +125,7 @@ def test_parameters_that_are_not_finite_are_refused(data: ubs.Dataset) -> None:
     renderer = ubs.Renderer(model)
     model.parameters["scale"][2, 1] = np.inf
     for call in (lambda: model.render(camera), lambda: renderer.update(model), lambda: ubs.Renderer(model)):
-        with pytest.raises(ubs.NumericalError, match="the parameter scale of splat 2 is inf"):
+        with pytest.raises(ubs.NumericalError, match="the parameter scale of splat 2 with N = 6 is inf"):
             call()
 
 
@@ -145,6 +145,8 @@ def test_messages_speak_of_arguments(
     for part, call in (
         ("there is no image to differentiate", lambda: renderer.vjp(None, image)),
         ("call vjp() or loss() first", renderer.camera_gradient),
+        ("needs the size of the view", lambda: renderer.array("v_alpha")),
+        ("created without depth=True", lambda: renderer.array("v_depth", size=(40, 40))),
         ("created without depth=True", lambda: renderer.vjp(camera, v_depth=image[..., 0])),
         ("absgrad=True requires gradients=True", lambda: ubs.Renderer(ubs.Model.empty(6, 5), absgrad=True)),
         ("v_rgb contains values that are not finite", lambda: renderer.vjp(camera, image + np.nan)),

@@ -124,9 +124,13 @@ def test_vjp_of_colours_and_alpha_is_linear(data: ubs.Dataset, model: ubs.Model)
         assert error <= 1e-4 * np.linalg.norm(both[name])
     assert np.abs(alpha["opacity"]).max() > 0
     assert np.abs(alpha["rgb"]).max() < 1e-6
-    # The rasteriser divides by a fraction of the gradient, which must not underflow to 0.
-    tiny = ubs.vjp(model, camera, None, np.full_like(v_alpha, 1e-36))
-    assert all(np.isfinite(values).all() for values in tiny.values()) and np.abs(tiny["opacity"]).max() > 0
+    # The colours get a fraction of the gradient of alpha, by which it is then divided. The fraction must not underflow.
+    tiny = ubs.vjp(model, camera, None, v_alpha * np.float32(1e-33))
+    for name in ("opacity", "xyz"):
+        error = np.linalg.norm(tiny[name] * np.float64(1e33) - alpha[name]) / np.linalg.norm(alpha[name])
+        assert error <= 1e-3
+    for values in ubs.vjp(model, camera, None, np.full_like(v_alpha, 1e-36)).values():
+        assert np.isfinite(values).all()
 
 
 def test_data_from_arrays(data: ubs.Dataset, model: ubs.Model) -> None:

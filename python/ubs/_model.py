@@ -229,10 +229,10 @@ class Model(_abi.Handle):
         to render into, which avoids allocating memory for a large image. `copy=False` returns the renderer's own
         memory, whose content is valid until the model renders its next image. This requires a CPU with PoCL; other
         devices raise UsageError."""
+        checked_camera(camera)
         renderer = self.renderer(device)
         # If the caller still uses an array of this renderer that has another size, rendering would free the memory of
         # this array. In this case the model creates another renderer.
-        checked_camera(camera)
         if renderer._lends_other(camera.height, camera.width):
             self._renderers = {key: kept for key, kept in self._renderers.items() if kept is not renderer}
             renderer = self.renderer(device)
@@ -421,6 +421,8 @@ class Renderer(_abi.Handle):
             raise UsageError(f"there is no array '{name}': choose one of {', '.join(_abi.ARRAYS)}")
         if not all(0 <= n < 2**31 for n in size):
             raise UsageError(f"size {size} is not supported: pass two whole numbers below 2^31")
+        if name in PIXEL_GRADIENTS and 0 in size:
+            raise UsageError(f'array("{name}") needs the size of the view: size=(height, width)')
         array = _abi.Array()
         array.shape[:2] = size
         with self._lock:
@@ -458,9 +460,9 @@ class Renderer(_abi.Handle):
         have been replaced or requested since that call, or if gradients of alpha or depth have been computed."""
         into = self._gradients()
         if camera is None and self._kept_size == (0, 0):
-            raise UsageError("there is no image to differentiate: render one with for_gradient=True, or pass the camera")
+            raise UsageError("there is no image to differentiate: render with for_gradient=True, or pass the camera")
         size = self._kept_size if camera is None else (checked_camera(camera).height, camera.width)
-        given: list[FloatArray | None] = []  # those in host memory, which must exist until the library has read them
+        given: list[FloatArray] = []  # those in host memory, which must exist until the library has read them
         v = _abi.ImageGradient()
         for name, values, channels in zip(PIXEL_GRADIENTS, (v_rgb, v_alpha, v_depth), ((3,), (), ())):
             if isinstance(values, DeviceArray):

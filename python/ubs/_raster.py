@@ -182,13 +182,15 @@ def wait(*tensors: Tensor) -> None:
 def gradients_on_device(renderer: Renderer, camera: Camera, *given: Tensor | None) -> list[DeviceArray | None]:
     """Copies the gradients with respect to the last image (H, W, 3), to its alpha (H, W), and to its depth (H, W), to
     the memory of the device. Returns the arguments for Renderer.vjp(None, ...)."""
-    found: list[DeviceArray | None] = []
-    for name, tensor in zip(PIXEL_GRADIENTS, given):
-        found.append(None if tensor is None else renderer.array(name, size=(camera.height, camera.width)))
+    size = camera.height, camera.width
+    found = [None if v is None else renderer.array(name, size=size) for name, v in zip(PIXEL_GRADIENTS, given)]
+    copied: list[Tensor] = []
+    for array, tensor in zip(found, given):
         if tensor is not None:
-            into: Tensor = cast(Any, torch).from_dlpack(found[-1])
+            into: Tensor = cast(Any, torch).from_dlpack(array)
             into.copy_(tensor)
-            wait(into, tensor)
+            copied += [tensor, into]
+    wait(*copied)
     return found
 
 
@@ -384,7 +386,7 @@ class Draw(torch.autograd.Function):
                 ctx.slot.put((ctx.holder, first), {**rows.as_values(), **values} if first == 0 else values)
                 rgb, alpha = ctx.slot.draw(ctx.camera, where, recorded and any(ctx.needs_input_grad))
                 images.append(rgb)
-        # The image must not be a view, because PyTorch does not allow callers to change views in place.
+        # PyTorch does not allow callers to change the image in place if it is a view.
         image = images[0] if len(images) == 1 else torch.cat(images, -1)
         return image if image.shape[-1] == channels else image[..., :channels].clone(), alpha
 

@@ -223,8 +223,8 @@ def train(
     **settings: Any,
 ) -> Model:
     """Trains a model: ubs.train(data, dim=6, iterations=7000, device="cpu"). The settings are those of `ubs train`;
-    ubs.settings() lists them. Use Trainer to run other code between iterations. As in the published method, gradients do
-    not include the path through the view direction, unless query_grad is True.
+    ubs.settings() lists them. Use Trainer to run other code between iterations. As in the published method, gradients
+    do not include the path through the view direction, unless query_grad is True.
 
     The schedule, which includes the growth of the number of splats, scales with the number of iterations. For example,
     a training of 200 iterations turns 500 initial splats into 12 000, and a training of 30 000 iterations turns them

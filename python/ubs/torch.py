@@ -79,10 +79,11 @@ def _put(drawing: Drawing, parameters: Sequence[Tensor]) -> None:
         return
     rows = _shared(drawing, "parameters")
     parts = rows.split([tensor.shape[1] for tensor in parameters])
-    for name, part, tensor in zip(drawing.names, parts, parameters):
-        if not is_finite(_checked(tensor)):
-            raise NumericalError(f"the parameter {name} has values that are not finite")
+    for part, tensor in zip(parts, parameters):
         part.copy_(_checked(tensor).T)
+    if not is_finite(rows):
+        names = [name for name, tensor in zip(drawing.names, parameters) if not is_finite(tensor)]
+        raise NumericalError(f"parameters have values that are not finite: {', '.join(names)}")
     _wait(rows)
 
 

@@ -9,6 +9,7 @@
 #include <catch2/catch.hpp>
 
 #include "host/lab/oracle/oracle.hpp"
+#include "host/pipeline/device_groups.hpp"
 #include "host/pipeline/device_model.hpp"
 #include "host/pipeline/view_gradient.hpp"
 #include "tests/pipeline/oracle_comparison.hpp"
@@ -118,6 +119,63 @@ TEST_CASE("gradients of colours, alpha and depth with respect to parameters and 
     }
 }
 
+// Returns the gradients of each group. Before, a larger image is rendered and differentiated with the same
+// renderer, if `after_larger` is true.
+std::vector<SplatModel> gradients_of_groups(Device& device, const MixedModel& model,
+                                            const oracle::Scene& scene, const test::Weights& weights,
+                                            bool after_larger) {
+  KernelConfig config{.raster = rasters_of(device)[0]};
+  config.depth = config.depth_grad = true;
+  const DeviceGroups groups(device, model, config);
+  Renderer renderer(device, groups.stages());
+  ImageBackward backward(device, groups.stages(), renderer);
+  const GroupBuffers v_params(device, groups, "gradients");
+  Camera larger = scene.camera;
+  larger.width *= 2, larger.height *= 3;
+  renderer.set_cameras({larger, scene.camera});
+  if (after_larger) {
+    const auto pixels = static_cast<std::size_t>(larger.width) * static_cast<std::size_t>(larger.height);
+    const std::vector<float> ones(3 * pixels, 1.0f);
+    const std::span all(ones);
+    renderer.forward(groups.view(), 0, test::settings_of(scene), true);
+    backward.run({all, all.first(pixels), all.first(pixels)}, v_params.view());
+  }
+  renderer.forward(groups.view(), 1, test::settings_of(scene), true);
+  backward.run({weights.rgb, weights.alpha, weights.depth}, v_params.view());
+  std::vector<SplatModel> found;
+  for (std::size_t g = 0; g < groups.groups().size(); ++g) {
+    const DeviceModel& group = groups.groups()[g];
+    found.push_back(download_rows(v_params[g], group.layout(), group.count(), group.stride()));
+  }
+  return found;
+}
+
+// Returns splats at the position of the camera, which are nearer than the near plane.
+SplatModel unseen(int dim, const Camera& camera) {
+  SplatModel model(dim, 20);
+  for (int axis = 0; axis < 3; ++axis)
+    std::ranges::fill(model.row(axis), static_cast<float>(camera.centre()[static_cast<std::size_t>(axis)]));
+  return model;
+}
+
+TEST_CASE("gradients of pixels do not depend on other groups of splats and on earlier images", "[pipeline]") {
+  const auto [scene, weights] = test::differentiable_view(6, 61, 45, {});
+  const auto device = devices_under_test()[0];
+  const auto whole = gradients_of_groups(*device, MixedModel(scene.model), scene, weights, false);
+  for (const bool after_larger : {false, true}) {
+    const auto parts = gradients_of_groups(
+        *device, MixedModel({unseen(3, scene.camera), scene.model, unseen(7, scene.camera)}), scene, weights,
+        after_larger);
+    CHECK(parts[1].values == whole[0].values);
+    CHECK(std::ranges::any_of(whole[0].values, [](float v) { return v != 0; }));
+    for (const std::size_t g : {0u, 2u})
+      CHECK(std::ranges::all_of(parts[g].values, [](float v) { return v == 0; }));
+    const auto none =
+        gradients_of_groups(*device, MixedModel(unseen(6, scene.camera)), scene, weights, after_larger);
+    CHECK(std::ranges::all_of(none[0].values, [](float v) { return v == 0; }));
+  }
+}
+
 // Tests what the host computes. The device returns partial sums of the gradient, each over several splats,
 // and the host adds them. A model can consist of several groups of splats, and the host adds their gradients;
 // here the first and the last group are invisible. The host also converts the gradient of the pose to that of
@@ -134,12 +192,8 @@ TEST_CASE("the camera gradient is the sum over groups of splats, and can be conv
     return view_gradient(*device, config, model, camera, target, {}, 0.2f, {}, true);
   };
   const MixedViewGradient whole = gradient(MixedModel(scene.model), scene.camera);
-  const auto unseen = [](int dim) {
-    SplatModel model(dim, 20);
-    std::ranges::fill(model.row(model.layout().opacity), -30.0f);
-    return model;
-  };
-  const MixedViewGradient parts = gradient(MixedModel({unseen(3), scene.model, unseen(7)}), scene.camera);
+  const MixedViewGradient parts =
+      gradient(MixedModel({unseen(3, scene.camera), scene.model, unseen(7, scene.camera)}), scene.camera);
   for (int k = 0; k < 3; ++k) {
     CHECK(std::abs(whole.camera.turn[k]) > 1e-6);
     CHECK(parts.camera.turn[k] == Approx(whole.camera.turn[k]).epsilon(1e-4));

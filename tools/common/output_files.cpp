@@ -43,10 +43,10 @@ bool is_data_folder(const fs::path& folder, const fs::path& root) {
   const fs::path below = resolved_path(folder).lexically_relative(resolved_path(root));
   if (!below.has_parent_path() && is_read_by_name(below.string(), root)) return true;
   if (!is_folder(folder)) return false;
-  const auto is_frames_file = [](const fs::path& file) {
-    return file.filename().string().starts_with("transforms");
-  };
-  return !camera_files_in(folder).empty() || std::ranges::any_of(folder_entries(folder), is_frames_file);
+  if (!camera_files_in(folder).empty()) return true;
+  for (const fs::path& file : folder_entries(folder))
+    if (file.filename().string().starts_with("transforms")) return true;
+  return false;
 }
 
 [[noreturn]] void refuse_data_folder(const fs::path& folder) {

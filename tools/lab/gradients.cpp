@@ -23,7 +23,8 @@ namespace ubs::tools {
 namespace {
 
 struct GradientsOptions : ModelOptions {
-  explicit GradientsOptions(CLI::App& app) : ModelOptions(app, drawing_keys({"lambda_dssim", "query_grad"})) {}
+  explicit GradientsOptions(CLI::App& app)
+      : ModelOptions(app, drawing_keys({"lambda_dssim", "query_grad"})) {}
   std::string out, target;
   int view = 0;
   bool json = false, cameras = false, overwrite = false;

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+from collections import OrderedDict
 from enum import Enum
 from typing import Any, Callable, Iterator, Literal, Optional, Sequence, get_args
 
@@ -22,7 +23,7 @@ CameraModel = Literal["pinhole", "ortho", "fisheye"]
 RenderMode = Literal["RGB", "D", "ED", "RGB+D", "RGB+ED"]
 RasterizeMode = Literal["classic", "antialiased"]
 LEAST_COMPENSATION = 0.005  # smallest factor of opacities with rasterize_mode "antialiased"
-FARTHEST = 1e30  # the largest distance of a far plane
+FARTHEST = 1e30  # largest distance of the far plane; larger values are replaced by it
 REACH = 3.33  # maximum number of standard deviations that radii cover
 
 
@@ -71,21 +72,20 @@ def _shape(tensor: Any, name: str, at_least: int) -> tuple[int, ...]:
     return tuple(tensor.shape)
 
 
-def _number(name: str, value: Any) -> float:
-    """Converts a number of any type, such as a tensor with one value."""
+def _number(name: str, value: Any, infinite: bool = False) -> float:
+    """Converts a number of any type, such as a tensor with one value. `infinite` says whether it may be infinite."""
     try:
         found = float(value)
     except (TypeError, ValueError, RuntimeError):  # the last one is raised for tensors with several values
         found = math.nan
-    if not 0 <= found < math.inf:
+    if not (0 <= found < math.inf or (infinite and found == math.inf)):
         shown = " ".join(repr(value).split())  # a tensor is shown on several lines
         raise UsageError(f"{name}={shown} must be a finite number of at least 0")
     return found
 
 
 def _planes(near: Any, far: Any) -> tuple[float, float]:
-    """Converts the arguments near_plane and far_plane. A far plane at infinity is moved to a finite distance."""
-    return _number("near_plane", near), FARTHEST if far == math.inf else _number("far_plane", far)
+    return _number("near_plane", near), min(_number("far_plane", far, infinite=True), FARTHEST)
 
 
 def _whole(name: str, value: Any, most: int = 65536) -> int:
@@ -416,9 +416,15 @@ def _with_sparse_gradients(packed: bool, rows: list[Tensor], *tensors: Tensor | 
 # ---- Rendering ----
 
 
+def _versions(tensors: Sequence[Tensor]) -> list[int]:
+    """Returns a number for each tensor that increases when the tensor is changed in place. In torch.inference_mode(),
+    there are no such numbers, and the function returns 0."""
+    return [0 if tensor.is_inference() else tensor._version for tensor in tensors]
+
+
 class Meta(dict):  # type: ignore[type-arg]
     """The values that rasterization() returns in addition to images and alphas, by their names in gsplat. Values that
-    few callers need are computed when they are read, or when the caller asks for all values."""
+    few callers need are computed when they are read."""
 
     def __init__(self, **values: Any) -> None:
         super().__init__(values)
@@ -427,17 +433,17 @@ class Meta(dict):  # type: ignore[type-arg]
     def compute_later(self, name: str, value: Callable[[], Tensor], *inputs: Tensor) -> None:
         """Sets a value that is computed when it is read. Reading it raises UsageError if one of `inputs` has been
         changed in place, because the value would then not describe what has been rendered."""
-        versions = [tensor._version for tensor in inputs]
+        versions = _versions(inputs)
 
         def checked() -> Tensor:
-            if [tensor._version for tensor in inputs] != versions:
+            if _versions(inputs) != versions:
                 raise UsageError(
                     f"meta['{name}'] is computed when it is read, but the tensors have been changed since they were "
                     f"rendered: read it earlier, before the step of the optimiser"
                 )
             return value()
 
-        self.pop(name, None)
+        super().pop(name, None)
         self.later[name] = checked
 
     def __missing__(self, key: str) -> Any:
@@ -445,36 +451,46 @@ class Meta(dict):  # type: ignore[type-arg]
             self[key] = self.later[key]()
             del self.later[key]
             return self[key]
-        raise KeyError(f"{key}: ubs does not return this value: choose one of {', '.join([*super().keys(), *self.later])}")
+        raise KeyError(f"{key}: ubs does not return this value: choose one of {', '.join(self)}")
+
+    # dict() and similar functions read the values with keys() and [], because __iter__ is overridden.
+    def keys(self) -> Any:
+        return dict.fromkeys([*super().keys(), *self.later]).keys()
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.keys())
+
+    def __len__(self) -> int:
+        return len(self.keys())
 
     def __contains__(self, key: object) -> bool:
-        return super().__contains__(key) or key in self.later
+        return key in self.keys()
 
     def get(self, key: str, default: Any = None) -> Any:
         return self[key] if key in self else default
 
     def copy(self) -> dict[str, Any]:
-        for name in list(self.later):
-            self[name]
-        return dict(super().items())
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self.copy())
-
-    def __len__(self) -> int:
-        return len(self.copy())
-
-    def __reduce__(self) -> Any:
-        return dict, (self.copy(),)
-
-    def keys(self) -> Any:
-        return self.copy().keys()
+        return {name: self[name] for name in self}
 
     def values(self) -> Any:
         return self.copy().values()
 
     def items(self) -> Any:
         return self.copy().items()
+
+    def pop(self, key: str, *default: Any) -> Any:
+        if key in self.later:
+            self[key]  # computes it
+        return super().pop(key, *default)
+
+    def __or__(self, other: Any) -> Any:
+        return self.copy() | other
+
+    def __repr__(self) -> str:
+        return repr(self.copy())
+
+    def __reduce__(self) -> Any:
+        return OrderedDict, (), None, None, iter(self.copy().items())  # torch.load() refuses dict by default
 
 
 def rasterization(
@@ -531,7 +547,8 @@ def rasterization(
     are the D colours, unless the mode is D or ED. They are followed by the depth, unless the mode is RGB. The
     dictionary has radii, depths, conics, opacities and means2d. After means2d.retain_grad(), backward() stores the
     gradient of means2d. With `packed`, batch_ids, camera_ids and gaussian_ids identify the Gaussian of each entry;
-    otherwise they are None.
+    otherwise they are None. conics, and opacities with "antialiased", are computed when they are read. This must be
+    done before the tensors are changed in place.
 
     Each pixel contributes to the gradient of means2d. With `absgrad`, backward() also stores the sums of the absolute
     values of these contributions in the attribute means2d.absgrad (AbsGS, Ye et al. 2024). As in gsplat, each chunk of
@@ -570,7 +587,7 @@ def rasterization(
     with_colors, with_depth = "RGB" in render_mode, "D" in render_mode
     degree = sh_degree if with_colors else None
     if with_colors:
-        _check_channels("colors", _shape(colors, "colors", 2 if degree is None else 3), degree)
+        _shape(colors, "colors", 2 if degree is None else 3)
     special = batch or radius_clip > 0 or covars is not None or extra_signals is not None or camera_model != "pinhole"
     inputs = (means, quats, scales, covars, opacities, colors, viewmats, Ks, extra_signals)
     recorded = torch.is_grad_enabled() and any(isinstance(t, Tensor) and t.requires_grad for t in inputs)
@@ -598,11 +615,11 @@ def rasterization(
                 seen = _projected(means, None, quats, scales, viewmats, Ks, size, eps2d, planes, camera_model)
                 return value(seen)[0][(meta["camera_ids"], meta["gaussian_ids"]) if packed else ...]
 
-            used = (means, quats, scales, opacities, viewmats, Ks)
+            used = (means, quats, scales, viewmats, Ks)
             meta.compute_later("conics", lambda: of_projection(_Projected.conics), *used)
             if antialiased:
                 meta.compute_later(
-                    "opacities", lambda: of_projection(lambda seen: opacities * seen.compensation), *used
+                    "opacities", lambda: of_projection(lambda seen: opacities * seen.compensation), opacities, *used
                 )
             channels = pictures[0][0].shape[-1]
             grounds = _grounds(backgrounds, means, batch, cameras, channels, 0, render_mode)

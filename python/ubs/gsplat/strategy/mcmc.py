@@ -7,6 +7,7 @@ import math
 from dataclasses import dataclass
 from typing import Any, Dict
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -45,10 +46,11 @@ class MCMCStrategy(Strategy):
     sigmoid(noise_opacity_k * (noise_opacity_t - opacity))."""
 
     def __post_init__(self) -> None:
-        if isinstance(self.refine_every, BOOLEANS) or self.refine_every < 1 or self.refine_every != int(self.refine_every):
+        whole = isinstance(self.refine_every, (int, np.integer)) and not isinstance(self.refine_every, BOOLEANS)
+        if not whole or self.refine_every < 1:
             raise UsageError(
                 f"refine_every={self.refine_every} must be a whole number of at least 1; if you pass arguments by "
-                f"position, noise_injection_stop_iter comes before refine_every, as in gsplat 1.6"
+                f"position, use the order of gsplat 1.6: noise_injection_stop_iter comes before refine_every"
             )
 
     def initialize_state(self) -> Dict[str, Any]:
