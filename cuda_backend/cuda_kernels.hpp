@@ -114,7 +114,6 @@ using SkyTable = KernelTable<DrawSkyKernel, SkyVjpKernel, RowSumsKernel, SkyGrad
 SkyTable sky_kernels();
 
 // ImageGradientTable contains the kernels of kernels/map/image_gradient.cl, which loss_kernels.cu compiles.
-// They have one thread per pixel or splat.
 using ImageGradientTable = KernelTable<AlphaToColoursKernel, DepthSumsKernel, RowSumsKernel, DepthMeanKernel,
                                        DepthToRecordsKernel, DepthToImageKernel, DepthFromRecordsKernel>;
 ImageGradientTable image_gradient_kernels();

@@ -110,7 +110,8 @@
 #define UBS_FAINTEST_ALPHA R(1e-6)
 // The gradient of alpha is passed to the rasteriser in a colour channel. If the gradients of all colours of a pixel are
 // smaller than this share of the gradient of alpha (2^-30), one of them is set to it. This adds a relative error of
-// 1e-9. It is at least UBS_ALPHA_GRADIENT_MIN, so that the quotient of both gradients is finite; this matters for
-// gradients of alpha below 1e-29.
+// 1e-9. The value that is set is at least UBS_ALPHA_GRADIENT_MIN, twice the smallest normal number, so that it does not
+// become 0 on devices without denormals. This concerns gradients of alpha below 2.6e-29, which have a larger relative
+// error.
 #define UBS_ALPHA_GRADIENT_SHARE R(9.3132257e-10)
 #define UBS_ALPHA_GRADIENT_MIN R(2.4e-38)

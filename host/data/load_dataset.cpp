@@ -274,8 +274,8 @@ namespace {
 struct Layout {
   std::string_view name;
   std::string_view title;  // data sets and programs that use this layout, for messages and help texts
-  // Returns the files by which the layout is recognised, or for COLMAP the folder of the model. Returns
-  // nothing for other layouts.
+  // Returns the files in `path` by which this layout is recognised (for COLMAP, the folder of the model), or
+  // nothing if `path` does not have this layout.
   std::vector<std::string> (*camera_files)(const fs::path& path);
   LoadedScene (*load)(const fs::path& path, const DatasetOptions& options);
   std::string_view files;  // names of the files by which the layout is recognised, for messages

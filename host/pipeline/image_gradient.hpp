@@ -52,8 +52,10 @@ class ImageBackward {
 
   // The last forward pass of the renderer must have been called with for_backward = true. v_params has one
   // buffer per group. If v_params is empty, the function only computes the gradient of the projected splats,
-  // Renderer::v_records(). It overwrites Renderer::v_image(). If there is a gradient of alpha or depth, it
-  // also overwrites the rendered image, and if there is one of depth, the colours of the projected splats.
+  // Renderer::v_records().
+  //
+  // The function may overwrite Renderer::v_image(). If there is a gradient of alpha or depth, it overwrites
+  // the rendered image, and if there is one of depth, the colours of the projected splats.
   void run(const ImageGradient& v, std::span<const BufferView<float>> v_params);
 
  private:

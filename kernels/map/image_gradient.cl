@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // These kernels convert gradients with respect to alpha and depth into gradients with respect to colours, which the
 // backward rasteriser computes with. host/pipeline/image_gradient.hpp explains the method. A work-item processes one
-// element of a plane, or one splat. Planes have `rows` rows of `pitch` elements.
+// element of a plane, or one splat, except in the kernels that compute the mean depth. Planes have `rows` rows of
+// `pitch` elements.
 
 // Changes one channel of the image so that the gradient of the colours includes the gradient of alpha.
 UBS_KERNEL void alpha_to_colours(int width, int height, int pitch, int rows, UBS_GLOBAL const real* v_alpha,
@@ -20,17 +21,16 @@ UBS_KERNEL void alpha_to_colours(int width, int height, int pitch, int rows, UBS
   image[most] -= v * transmittance[at] / v_image[most];
 }
 
-#define DEPTH_ROWS 16  // number of rows per partial sum; `rows` is a multiple of it
-
-// Computes partial sums over columns of strips of DEPTH_ROWS rows. sums[strip * pitch + x] is the sum of the depths of
-// those pixels whose depth has a gradient, and sums[(strips + strip) * pitch + x] is the number of these pixels.
+// Divides the image into strips of kTileSide rows, and adds the pixels of each column of a strip.
+// sums[strip * pitch + x] is the sum of the depths of those pixels whose depth has a gradient, and
+// sums[(strips + strip) * pitch + x] is the number of these pixels.
 UBS_KERNEL void depth_sums(int width, int height, int pitch, int rows, UBS_GLOBAL const real* depth,
                            UBS_GLOBAL const real* v_depth, UBS_GLOBAL real* sums) {
-  int x = (int)UBS_GLOBAL_ID(0), strip = (int)UBS_GLOBAL_ID(1), strips = rows / DEPTH_ROWS;
+  int x = (int)UBS_GLOBAL_ID(0), strip = (int)UBS_GLOBAL_ID(1), strips = rows / kTileSide;
   if (x >= pitch) return;
   real sum = R(0.0), count = R(0.0);
-  for (int row = 0; row < DEPTH_ROWS; ++row) {
-    int y = strip * DEPTH_ROWS + row;
+  for (int row = 0; row < kTileSide; ++row) {
+    int y = strip * kTileSide + row;
     size_t at = (size_t)y * pitch + x;
     if (x >= width || y >= height || v_depth[at] == R(0.0) || depth[at] == R(0.0)) continue;
     sum += depth[at];

@@ -4,12 +4,14 @@ float64."""
 
 from __future__ import annotations
 
+import gc
 import importlib
 import io
 import math
 import re
 import sys
 import threading
+import weakref
 from pathlib import Path
 from typing import Any
 
@@ -910,13 +912,26 @@ def test_the_dictionary_can_be_copied_and_saved(packed: bool, fused_calls: list[
     with torch.inference_mode():  # tensors do not record changes in place
         inferred = rasterization(**{**s, "scales": s["scales"] * 1}, **how, viewmats=cameras)[2]
         assert torch.equal(inferred["conics"], meta()["conics"])
+        inferred = rasterization(**{**s, "scales": s["scales"] * 1}, **how, viewmats=cameras)[2]
+    assert torch.equal(inferred["conics"], meta()["conics"]) and not inferred["conics"].requires_grad
+    assert meta()["conics"].requires_grad
+    replaced = meta()
+    replaced["conics"] = None
+    assert replaced.pop("conics") is None and "conics" not in replaced
+    del replaced["opacities"]
+    assert replaced.setdefault("opacities", 1) == 1 and torch.is_tensor(meta().setdefault("conics", 1))
+    gc.disable()  # the dictionary must not be part of a reference cycle, which would be freed late
+    radii = weakref.ref(meta()["radii"])
+    gc.enable()
+    assert radii() is None
     changed = meta()
     with torch.no_grad():
         s["scales"] *= 2
     for name in ("conics", "opacities"):
         with pytest.raises(ubs.UsageError, match=f"'{name}'.* have been changed since they were rendered"):
             changed[name]
-    assert list(changed) == list(changed.keys()) and len(changed) == len(expected)  # names need no values
+    # Names need no values, and printing does not need all of them.
+    assert list(changed) == list(changed.keys()) and len(changed) == len(expected) and "read" in repr(changed)
 
 
 @pytest.mark.parametrize("learnt_cameras", [False, True])

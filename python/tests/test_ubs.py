@@ -124,7 +124,8 @@ def test_vjp_of_colours_and_alpha_is_linear(data: ubs.Dataset, model: ubs.Model)
         assert error <= 1e-4 * np.linalg.norm(both[name])
     assert np.abs(alpha["opacity"]).max() > 0
     assert np.abs(alpha["rgb"]).max() < 1e-6
-    # The colours get a fraction of the gradient of alpha, by which it is then divided. The fraction must not underflow.
+    # A fraction of the gradient of alpha becomes the gradient of a colour, and a later step divides by it, so it must not
+    # underflow.
     tiny = ubs.vjp(model, camera, None, v_alpha * np.float32(1e-33))
     for name in ("opacity", "xyz"):
         error = np.linalg.norm(tiny[name] * np.float64(1e33) - alpha[name]) / np.linalg.norm(alpha[name])

@@ -80,7 +80,7 @@ def _number(name: str, value: Any, infinite: bool = False) -> float:
         found = math.nan
     if not (0 <= found < math.inf or (infinite and found == math.inf)):
         shown = " ".join(repr(value).split())  # a tensor is shown on several lines
-        raise UsageError(f"{name}={shown} must be a finite number of at least 0")
+        raise UsageError(f"{name}={shown} must be a {'' if infinite else 'finite '}number of at least 0")
     return found
 
 
@@ -417,8 +417,8 @@ def _with_sparse_gradients(packed: bool, rows: list[Tensor], *tensors: Tensor | 
 
 
 def _versions(tensors: Sequence[Tensor]) -> list[int]:
-    """Returns a number for each tensor that increases when the tensor is changed in place. In torch.inference_mode(),
-    there are no such numbers, and the function returns 0."""
+    """Returns a number for each tensor that increases when the tensor is changed in place. Tensors that were created in
+    torch.inference_mode() have no such number; theirs is 0, and changes of them are not detected."""
     return [0 if tensor.is_inference() else tensor._version for tensor in tensors]
 
 
@@ -449,7 +449,6 @@ class Meta(dict):  # type: ignore[type-arg]
     def __missing__(self, key: str) -> Any:
         if key in self.later:
             self[key] = self.later[key]()
-            del self.later[key]
             return self[key]
         raise KeyError(f"{key}: ubs does not return this value: choose one of {', '.join(self)}")
 
@@ -478,19 +477,32 @@ class Meta(dict):  # type: ignore[type-arg]
     def items(self) -> Any:
         return self.copy().items()
 
+    def __setitem__(self, key: str, value: Any) -> None:
+        self.later.pop(key, None)
+        super().__setitem__(key, value)
+
+    def __delitem__(self, key: str) -> None:
+        self.pop(key)
+
     def pop(self, key: str, *default: Any) -> Any:
         if key in self.later:
             self[key]  # computes it
         return super().pop(key, *default)
 
+    def setdefault(self, key: str, default: Any = None) -> Any:
+        if key not in self:
+            self[key] = default
+        return self[key]
+
     def __or__(self, other: Any) -> Any:
         return self.copy() | other
 
     def __repr__(self) -> str:
-        return repr(self.copy())
+        return repr({name: "computed when it is read" if name in self.later else self[name] for name in self})
 
     def __reduce__(self) -> Any:
-        return OrderedDict, (), None, None, iter(self.copy().items())  # torch.load() refuses dict by default
+        # With weights_only=True, torch.load() calls OrderedDict, but refuses to call dict.
+        return OrderedDict, (), None, None, iter(self.copy().items())
 
 
 def rasterization(
@@ -547,8 +559,8 @@ def rasterization(
     are the D colours, unless the mode is D or ED. They are followed by the depth, unless the mode is RGB. The
     dictionary has radii, depths, conics, opacities and means2d. After means2d.retain_grad(), backward() stores the
     gradient of means2d. With `packed`, batch_ids, camera_ids and gaussian_ids identify the Gaussian of each entry;
-    otherwise they are None. conics, and opacities with "antialiased", are computed when they are read. This must be
-    done before the tensors are changed in place.
+    otherwise they are None. conics, and opacities with "antialiased", are computed when they are read. Read them before
+    the arguments of this call are changed in place, for example by an optimiser.
 
     Each pixel contributes to the gradient of means2d. With `absgrad`, backward() also stores the sums of the absolute
     values of these contributions in the attribute means2d.absgrad (AbsGS, Ye et al. 2024). As in gsplat, each chunk of
@@ -611,9 +623,13 @@ def rasterization(
             if sparse_grad:
                 rows.append(meta["gaussian_ids"].unique())
 
+            # The closure must not refer to meta, which refers to the closure: both would be freed late.
+            entries: Any = (meta["camera_ids"], meta["gaussian_ids"]) if packed else ...
+
             def of_projection(value: Callable[[_Projected], Tensor]) -> Tensor:
-                seen = _projected(means, None, quats, scales, viewmats, Ks, size, eps2d, planes, camera_model)
-                return value(seen)[0][(meta["camera_ids"], meta["gaussian_ids"]) if packed else ...]
+                with torch.inference_mode(False), torch.set_grad_enabled(recorded):
+                    seen = _projected(means, None, quats, scales, viewmats, Ks, size, eps2d, planes, camera_model)
+                    return value(seen)[0][entries]
 
             used = (means, quats, scales, viewmats, Ks)
             meta.compute_later("conics", lambda: of_projection(_Projected.conics), *used)
