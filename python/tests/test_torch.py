@@ -442,6 +442,16 @@ def test_images_may_be_changed_in_place(data: ubs.Dataset) -> None:
         assert torch.equal(image.clamp_(0.1, 0.2), expected)
 
 
+def test_arguments_of_other_types_are_refused(data: ubs.Dataset) -> None:
+    splats, array = ubs.torch.Splats(ubs.Model.empty(6, 5)), np.zeros((3, 2), np.float32)
+    with pytest.raises(ubs.UsageError, match="pose must be a torch.Tensor, not ndarray"):
+        splats(data.test[0].camera, pose=np.eye(4))
+    with pytest.raises(ubs.UsageError, match="a ubs.Camera, not View: pass its camera"):
+        splats(data.test[0])
+    with pytest.raises(ubs.UsageError, match=r"means2d must be a float32 tensor \(n, 2\), not ndarray"):
+        ubs.torch.rasterize(array, array, array, array, array, width=4, height=4)
+
+
 def test_a_pose_is_found_again(data: ubs.Dataset) -> None:
     """Tests that Adam can recover a camera pose that was rotated and moved by a small amount."""
     model = ubs.train(data, iterations=500, init_points=1000, cap_max=1000, init_extent=1.3, dim=3)
