@@ -434,9 +434,8 @@ typedef enum ubs_array_name {
   UBS_ARRAY_TRANSMITTANCE = 2, /* (height, width): 1 - alpha of the last rendered image */
   UBS_ARRAY_DEPTH = 3,         /* (height, width): depth of the last rendered image */
   /* An array (height, width, 3) for a gradient of the image. The program sets shape[0] to the height and
-   * shape[1] to the width of the view before it requests the array. It then writes the gradient to the array,
-   * and passes the array to ubs_renderer_vjp as rgb, which may overwrite it. When the array is requested, its
-   * values are 0. */
+   * shape[1] to the width of the view before it requests the array, whose values are then 0. It writes the
+   * gradient to the array, and passes the array as rgb to ubs_renderer_vjp. This function may overwrite it. */
   UBS_ARRAY_V_RGB = 4,
   /* The last gradient with respect to the parameters, in the layout of UBS_ARRAY_PARAMETERS. */
   UBS_ARRAY_GRADIENT = 5,

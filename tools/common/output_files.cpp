@@ -37,16 +37,16 @@ bool is_read_by_name(const std::string& name, const fs::path& root) {
          (name.starts_with("cam") && path_exists(root / "poses_bounds.npy"));
 }
 
-// Returns whether the folder contains cameras, or whether loaders of data in `root` would look into
-// it.
+// Returns whether the folder contains cameras, or whether loaders of data in `root` would look into it.
 bool is_data_folder(const fs::path& folder, const fs::path& root) {
   const fs::path below = resolved_path(folder).lexically_relative(resolved_path(root));
   if (!below.has_parent_path() && is_read_by_name(below.string(), root)) return true;
   if (!is_folder(folder)) return false;
   if (!camera_files_in(folder).empty()) return true;
-  for (const fs::path& file : folder_entries(folder))
-    if (file.filename().string().starts_with("transforms")) return true;
-  return false;
+  return std::ranges::any_of(folder_entries(folder), [](const fs::path& file) {
+    const std::string name = file.filename().string();
+    return name.starts_with("transforms") || name == "images.bin" || name == "images.txt";
+  });
 }
 
 [[noreturn]] void refuse_data_folder(const fs::path& folder) {
