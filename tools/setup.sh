@@ -46,8 +46,8 @@ usage: tools/setup.sh demo|test|build|gates
   demo   build, write two built-in scenes and train on them; the results are in out/demo
   test   build and run all tests
   build  build only: $build/ubs
-  gates  only fetch the tools of the gates (tests/gates/README.md), as test does; with UBS_GATES=intel or all, also
-         fetch 840 MB of Intel's runtime for CPUs; with UBS_GATES=off, fetch nothing
+  gates  only fetch the tools of the gates and packages from PyPI for tests (tests/gates/README.md), as test does;
+         with UBS_GATES=intel or all, also fetch 840 MB of Intel's runtime for CPUs; with UBS_GATES=off, fetch nothing
 Missing Debian packages are installed first (as root or with sudo).
 TEXT
 }
@@ -119,7 +119,7 @@ fetch_gates() {
   (install_packages "${known[@]}") || echo "Tools of gates could not be installed."
   # These functions run in separate processes, because set -e has no effect in a function that is followed by `||`.
   bash tools/setup.sh fetch-drivers || echo "Mesa's rusticl and Intel's ocloc could not be fetched."
-  bash tools/setup.sh fetch-pypi || echo "Tools of gates from PyPI could not be fetched."
+  bash tools/setup.sh fetch-pypi || echo "Tools of gates and packages of tests from PyPI could not be fetched."
 }
 
 fetch_drivers() {
@@ -144,7 +144,7 @@ list_driver() {
 }
 
 fetch_pypi() {
-  local venv=$PWD/$build/gates/venv wanted=(nvidia-cuda-nvdisasm)
+  local venv=$PWD/$build/gates/venv wanted=(nvidia-cuda-nvdisasm jax pytest usd-core pycolmap)
   [ -n "$(command -v nvcc ptxas /usr/local/cuda/bin/ptxas)" ] || wanted+=(nvidia-cuda-nvcc)
   case ${UBS_GATES:-} in intel | all) wanted+=(intel-opencl-rt intel-cmplr-lib-rt) ;; esac
   [ -d "$venv" ] || python3 -m venv "$venv"
