@@ -352,9 +352,11 @@ def test_both_routes_agree(name: str, packed: bool, fused_calls: list[bool]) -> 
     # Depths are larger than colours, and in the mode RGB+ED, they are divided by values of alpha down to 0.003.
     bound = {"sh 2": 1e-4, "depth": 7e-6}.get(name, 2e-6)
     assert float((images - images2).abs().max()) < bound and float((alphas - alphas2).abs().max()) < 2e-6
-    assert set(meta2) <= set(meta) | {"conics", "opacities"} and "conics" in meta and "isect_ids" not in meta
+    assert set(meta2) <= set(meta) | {"conics", "opacities"} and "conics" in meta and "no_such_value" not in meta
     for key in meta2:
         a, b = meta[key], meta2[key]
+        if key == "isect_ids":  # the lower bits are those of depths
+            a, b = a >> 32, b >> 32
         if not isinstance(b, torch.Tensor) or not b.is_floating_point():
             assert torch.equal(a, b) if isinstance(b, torch.Tensor) else a == b, key
         else:
@@ -602,8 +604,8 @@ def test_batches_are_those_of_single_calls() -> None:
                     for key in ("radii", "means2d", "depths", "conics", "opacities"):
                         assert torch.equal(meta[key][i, j], single[key]), key
     assert meta["n_batches"] == 4 and meta["n_cameras"] == 2 and meta["gaussian_ids"] is None
-    with pytest.raises(KeyError, match="isect_ids"):
-        meta["isect_ids"]
+    with pytest.raises(KeyError, match="no_such_value"):
+        meta["no_such_value"]
 
 
 @pytest.mark.parametrize("packed", [True, False])
@@ -907,7 +909,7 @@ def test_the_dictionary_can_be_copied_and_saved(packed: bool, fused_calls: list[
         for name in ("conics", "opacities"):
             assert torch.allclose(found[name], expected[name], rtol=1e-4, atol=1e-6)
             assert torch.equal(found[name], meta().get(name)) and name in meta()
-    assert meta().get("isect_ids") is None and len(fused_calls) > 5
+    assert meta().get("no_such_value") is None and len(fused_calls) > 5
     assert torch.equal(meta().pop("conics"), meta()["conics"]) and "opacities" in repr(meta())
     with torch.inference_mode():  # tensors do not record changes in place
         inferred = rasterization(**{**s, "scales": s["scales"] * 1}, **how, viewmats=cameras)[2]
@@ -932,6 +934,60 @@ def test_the_dictionary_can_be_copied_and_saved(packed: bool, fused_calls: list[
             changed[name]
     # Names need no values, and printing does not need all of them.
     assert list(changed) == list(changed.keys()) and len(changed) == len(expected) and "read" in repr(changed)
+
+
+@pytest.mark.parametrize("packed", [True, False])
+@pytest.mark.parametrize("batch", [(), (2,)])
+def test_lists_of_tiles(packed: bool, batch: tuple[int, ...], fused_calls: list[bool]) -> None:
+    """Compares the lists with a loop over all images, tiles and Gaussians."""
+    s = scene(splats=60, batch=batch)
+    tile = 9
+    meta = rasterization(**s, width=WIDTH, height=HEIGHT, packed=packed, tile_size=tile)[2]
+    across, down, images = meta["tile_width"], meta["tile_height"], 2 * math.prod(batch)
+    assert (across, down) == (7, 5) and fused_calls == ([] if batch else [True])
+    if packed:
+        image_of = (2 * meta["batch_ids"] + meta["camera_ids"]).tolist()
+    else:
+        image_of = [image for image in range(images) for _ in range(60)]
+    boxes = torch.cat([meta["means2d"] - meta["radii"], meta["means2d"] + meta["radii"]], -1).reshape(-1, 4).tolist()
+    visible = (meta["radii"] > 0).all(-1).reshape(-1).tolist()
+    depths = meta["depths"].reshape(-1)
+    bits, pairs, offsets = (across * down).bit_length(), [], []
+    for image in range(images):
+        for t in range(across * down):
+            offsets.append(len(pairs))
+            x, y = t % across * tile, t // across * tile
+            here = [
+                k for k, (x0, y0, x1, y1) in enumerate(boxes)
+                if visible[k] and image_of[k] == image and x0 < x + tile and x1 > x and y0 < y + tile and y1 > y
+            ]
+            pairs += [(k, image << bits | t) for k in sorted(here, key=lambda k: float(depths[k]))]
+    assert len(pairs) > 200 and meta["flatten_ids"].tolist() == [k for k, _ in pairs]
+    assert (meta["isect_ids"] >> 32).tolist() == [place for _, place in pairs]
+    numbers = [int(np.float32(depths[k]).view(np.int32)) for k, _ in pairs]
+    assert (meta["isect_ids"] & 0xFFFFFFFF).tolist() == numbers
+    assert meta["isect_offsets"].tolist() == torch.tensor(offsets).reshape(*batch, 2, down, across).tolist()
+    counts = [sum(k == own for k, _ in pairs) for own in range(len(visible))]
+    assert meta["tiles_per_gauss"].reshape(-1).tolist() == counts and meta["tiles_per_gauss"].shape == meta["depths"].shape
+    found = [meta[name].dtype for name in ("tiles_per_gauss", "isect_ids", "flatten_ids", "isect_offsets")]
+    assert found == [torch.int32, torch.int64, torch.int32, torch.int32]
+
+
+def test_lists_of_tiles_without_an_image() -> None:
+    """Tests the functions with an order of their own, without Gaussians, and with arguments that do not fit."""
+    means2d, radii, depths = torch.tensor([[8.0, 8.0], [3.0, 3.0]]), torch.tensor([[2, 2], [1, 0]]), torch.tensor([1.0, 2.0])
+    counts, ids, which = ubs.gsplat.isect_tiles(means2d.double(), radii, depths.double(), 8, 2, 2, sort=False)
+    assert counts.tolist() == [4, 0] and which.tolist() == [0] * 4 and (ids >> 32).tolist() == [0, 1, 2, 3]
+    none = ubs.gsplat.isect_tiles(means2d[:0], radii[:0], depths[:0], 8, 2, 2)
+    assert [len(part) for part in none] == [0, 0, 0]
+    assert ubs.gsplat.isect_offset_encode(none[1], 2, 2, 2).tolist() == [[[0, 0], [0, 0]]] * 2
+    with pytest.raises(ubs.UsageError, match=r"radii has the shape \(1, 2\), not \(2, 2\)"):
+        ubs.gsplat.isect_tiles(means2d, radii[:1], depths, 8, 2, 2)
+    with pytest.raises(ubs.UsageError, match="packed=True needs image_ids and n_images"):
+        ubs.gsplat.isect_tiles(means2d, radii, depths, 8, 2, 2, packed=True)
+    with pytest.raises(ubs.UsageError, match="16777216 images of 60000 x 60000 tiles are too many"):
+        image_ids = torch.zeros(2, dtype=torch.int64)
+        ubs.gsplat.isect_tiles(means2d, radii, depths, 8, 60000, 60000, packed=True, n_images=2**24, image_ids=image_ids)
 
 
 @pytest.mark.parametrize("learnt_cameras", [False, True])
@@ -997,10 +1053,10 @@ def test_the_documented_names_and_modules_exist() -> None:
 
 
 def test_other_names_of_gsplat_are_imported_and_refused_when_called() -> None:
-    from ubs.gsplat import PngCompression, isect_tiles, rasterization_2dgs, rasterization_inria_wrapper
+    from ubs.gsplat import PngCompression, accumulate, rasterization_2dgs, rasterization_inria_wrapper
     from ubs.gsplat.rendering import rasterization_2dgs_inria_wrapper
 
-    calls: list[Any] = [PngCompression, isect_tiles, rasterization_2dgs, rasterization_inria_wrapper]
+    calls: list[Any] = [PngCompression, accumulate, rasterization_2dgs, rasterization_inria_wrapper]
     for call in [*calls, rasterization_2dgs_inria_wrapper]:
         with pytest.raises(ubs.UsageError, match=f"^{call.__name__} does not exist in ubs.gsplat: "):
             call(1, width=2)

@@ -388,9 +388,9 @@ def test_cli_runs_in_one_process(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_compression_is_imported_and_refused() -> None:
     from ubs.gsplat.compression import PngCompression
-    from ubs.gsplat.cuda._wrapper import isect_tiles
+    from ubs.gsplat.cuda._wrapper import rasterize_to_pixels
     from ubs.gsplat.distributed import all_gather_int32
 
-    for call in (PngCompression, isect_tiles, all_gather_int32):
+    for call in (PngCompression, rasterize_to_pixels, all_gather_int32):
         with pytest.raises(ubs.UsageError, match=f"^{call.__name__} does not exist in ubs.gsplat: "):
             call()

@@ -26,6 +26,7 @@ from .rendering import (
     spherical_harmonics,
 )
 from .strategy import DefaultStrategy, MCMCStrategy, Strategy
+from .tiles import isect_offset_encode, isect_tiles
 
 __version__ = "1.5"  # the version of gsplat whose interface this module provides
 __all__ = [
@@ -39,6 +40,8 @@ __all__ = [
     "Strategy",
     "export_splats",
     "fully_fused_projection",
+    "isect_offset_encode",
+    "isect_tiles",
     "proj",
     "quat_scale_to_covar_preci",
     "rasterization",

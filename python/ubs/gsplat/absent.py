@@ -13,7 +13,7 @@ _LOSSES = """create_ssim_window depth_l1_loss gaussian_density_reg gaussian_scal
 _LIDAR = """isect_tiles_lidar lidar_background_loss lidar_distance_loss lidar_intensity_loss lidar_raydrop_loss
     compute_lidar_angles_to_columns_map compute_lidar_tiling LidarTiling SpinningDirection
     RowOffsetStructuredSpinningLidarModelParameters RowOffsetStructuredSpinningLidarModelParametersExt"""
-_LISTS = """isect_tiles isect_offset_encode isect_tiles_sparse build_sparse_tile_layout rasterize_to_pixels
+_LISTS = """isect_tiles_sparse build_sparse_tile_layout rasterize_to_pixels
     rasterize_to_pixels_sparse rasterize_to_indices_in_range accumulate rasterize_num_contributing_gaussians
     rasterize_num_contributing_gaussians_sparse rasterize_contributing_gaussian_ids
     rasterize_contributing_gaussian_ids_sparse rasterize_top_contributing_gaussian_ids
@@ -29,7 +29,7 @@ _PROCESSES = "all_gather_int32 all_gather_tensor_list all_to_all_int32 all_to_al
 _GROUPS = (
     (_SURFELS, "2D Gaussian Splatting is not supported: use rasterization(), or gsplat on CUDA"),
     ("rasterization_inria_wrapper", "use rasterization(), which computes the same formulas"),
-    (_LISTS, "lists of tiles stay on the device: use rasterization(), or ubs.torch.rasterize() for projected Gaussians"),
+    (_LISTS, "use rasterization(), or ubs.torch.rasterize() for projected Gaussians"),
     (_RAYS, "lens distortion is not supported: undistort the images first, or use gsplat on CUDA"),
     (_LIDAR, "lidar is not supported: use gsplat on CUDA"),
     ("persp_proj", "use proj()"),

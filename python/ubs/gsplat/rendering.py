@@ -4,20 +4,22 @@
 from __future__ import annotations
 
 import math
-from collections import OrderedDict
 from enum import Enum
-from typing import Any, Callable, Iterator, Literal, Optional, Sequence, get_args
+from typing import Any, Callable, Literal, Optional, get_args
 
 import torch
 from torch import Tensor
 
 from .._device import DeviceLike
-from .._errors import NumericalError, UsageError
+from .._errors import UsageError
 from .._raster import AbsGrad, SparseGradient, draw, extremes, is_finite, stacked
 from .._settings import BOOLEANS
 from . import fused
 from .absent import refusing
+from .checks import check_choice, check_tensor, number, shape_of, whole_number
 from .fused import LEAST_ALPHA
+from .meta import Meta
+from .tiles import add_lists
 
 CameraModel = Literal["pinhole", "ortho", "fisheye"]
 RenderMode = Literal["RGB", "D", "ED", "RGB+D", "RGB+ED"]
@@ -38,11 +40,6 @@ class RollingShutterType(Enum):
     GLOBAL = 4
 
 
-def _choice(name: str, value: Any, known: Sequence[str]) -> None:
-    if value not in known:
-        raise UsageError(f"{name}={value!r} is not supported: choose one of {', '.join(map(repr, known))}")
-
-
 def _refuse(**given: Any) -> None:
     for name, value in given.items():
         off = isinstance(value, BOOLEANS) and not value
@@ -51,49 +48,8 @@ def _refuse(**given: Any) -> None:
             raise UsageError(f"{name}{shown} is not supported by ubs.gsplat: remove it, or render with gsplat on CUDA")
 
 
-def _check(name: str, tensor: Any, *shapes: tuple[int, ...], like: Tensor | None = None) -> Tensor:
-    if not isinstance(tensor, Tensor):
-        raise UsageError(f"{name} must be a torch.Tensor, not {type(tensor).__name__}")
-    if tensor.dtype != torch.float32:
-        raise UsageError(f"{name} has the type {tensor.dtype}, but must be torch.float32")
-    if tuple(tensor.shape) not in shapes:
-        wanted = " or ".join(dict.fromkeys(map(str, shapes)))
-        raise UsageError(f"{name} has the shape {tuple(tensor.shape)}, not {wanted}")
-    if like is not None and tensor.device != like.device:
-        raise UsageError(f"{name} is on {tensor.device}, but means is on {like.device}: move it there")
-    if not is_finite(tensor):
-        raise NumericalError(f"{name} contains values that are not finite")
-    return tensor
-
-
-def _shape(tensor: Any, name: str, at_least: int) -> tuple[int, ...]:
-    if not isinstance(tensor, Tensor) or tensor.dim() < at_least:
-        raise UsageError(f"{name} must be a torch.Tensor with at least {at_least} dimensions")
-    return tuple(tensor.shape)
-
-
-def _number(name: str, value: Any, infinite: bool = False) -> float:
-    """Converts a number of any type, such as a tensor with one value. `infinite` says whether it may be infinite."""
-    try:
-        found = float(value)
-    except (TypeError, ValueError, RuntimeError):  # the last one is raised for tensors with several values
-        found = math.nan
-    if not (0 <= found < math.inf or (infinite and found == math.inf)):
-        shown = " ".join(repr(value).split())  # a tensor is shown on several lines
-        raise UsageError(f"{name}={shown} must be a {'' if infinite else 'finite '}number of at least 0")
-    return found
-
-
 def _planes(near: Any, far: Any) -> tuple[float, float]:
-    return _number("near_plane", near), min(_number("far_plane", far, infinite=True), FARTHEST)
-
-
-def _whole(name: str, value: Any, most: int = 65536) -> int:
-    """Converts a whole number of any type."""
-    found = 0.5 if isinstance(value, BOOLEANS) else _number(name, value)
-    if not (1 <= found <= most and found.is_integer()):
-        raise UsageError(f"{name}={value!r} must be a whole number from 1 to {most}")
-    return int(found)
+    return number("near_plane", near), min(number("far_plane", far, infinite=True), FARTHEST)
 
 
 # ---- Spherical harmonics ----
@@ -154,11 +110,11 @@ def spherical_harmonics(
     if isinstance(degrees_to_use, BOOLEANS) or degrees_to_use not in (0, 1, 2, 3, 4):
         raise UsageError(f"degrees_to_use={degrees_to_use} must be a whole number from 0 to 4")
     count = (int(degrees_to_use) + 1) ** 2
-    shape = _shape(dirs, "dirs", 1)
-    if _shape(coeffs, "coeffs", 2)[-2] < count:
+    shape = shape_of("dirs", dirs, 1)
+    if shape_of("coeffs", coeffs, 2)[-2] < count:
         raise UsageError(f"coeffs has {coeffs.shape[-2]} bases, but degree {degrees_to_use} needs {count}")
-    _check("dirs", dirs, (*shape[:-1], 3))
-    _check("coeffs", coeffs, (*shape[:-1], *coeffs.shape[-2:]), like=dirs)
+    check_tensor("dirs", dirs, (*shape[:-1], 3))
+    check_tensor("coeffs", coeffs, (*shape[:-1], *coeffs.shape[-2:]), like=dirs)
     if masks is not None and tuple(masks.shape) != shape[:-1]:
         raise UsageError(f"masks have the shape {tuple(masks.shape)}, not {shape[:-1]}")
     x, y, z = torch.nn.functional.normalize(dirs, dim=-1).unbind(-1)
@@ -306,20 +262,20 @@ def _checked(
     model: str,
 ) -> tuple[int, ...]:
     """Checks the arguments of a projection, and returns the batch dimensions."""
-    _choice("camera_model", model, get_args(CameraModel))
-    *batch, n, _ = _shape(means, "means", 2)
-    cameras = _shape(viewmats, "viewmats", 3)[-3]
-    _check("means", means, (*batch, n, 3))
-    _check("viewmats", viewmats, (*batch, cameras, 4, 4), like=means)
-    _check("Ks", ks, (*batch, cameras, 3, 3), like=means)
+    check_choice("camera_model", model, get_args(CameraModel))
+    *batch, n, _ = shape_of("means", means, 2)
+    cameras = shape_of("viewmats", viewmats, 3)[-3]
+    check_tensor("means", means, (*batch, n, 3))
+    check_tensor("viewmats", viewmats, (*batch, cameras, 4, 4), like=means)
+    check_tensor("Ks", ks, (*batch, cameras, 3, 3), like=means)
     _intrinsics(ks)
     if covars is not None:
-        _check("covars", covars, (*batch, n, 3, 3), (*batch, n, 6), like=means)
+        check_tensor("covars", covars, (*batch, n, 3, 3), (*batch, n, 6), like=means)
     elif quats is None or scales is None:
         raise UsageError("pass either covars, or both quats and scales")
     else:
-        _check("quats", quats, (*batch, n, 4), like=means)
-        _check("scales", scales, (*batch, n, 3), like=means)
+        check_tensor("quats", quats, (*batch, n, 4), like=means)
+        check_tensor("scales", scales, (*batch, n, 3), like=means)
     return tuple(batch)
 
 
@@ -381,14 +337,14 @@ def fully_fused_projection(
     rows: list[Tensor] = []
     if sparse_grad:
         means, covars, quats, scales = _with_sparse_gradients(packed, rows, means, covars, quats, scales)
-    size = _whole("width", width), _whole("height", height)
+    size = whole_number("width", width), whole_number("height", height)
     planes = _planes(near_plane, far_plane)
-    eps2d, radius_clip = _number("eps2d", eps2d), _number("radius_clip", radius_clip)
+    eps2d, radius_clip = number("eps2d", eps2d), number("radius_clip", radius_clip)
     batch = _checked(means, covars, quats, scales, viewmats, Ks, camera_model)
     seen = _projected(means, covars, quats, scales, viewmats, Ks, size, eps2d, planes, camera_model)
     strength = None
     if opacities is not None:
-        _check("opacities", opacities, (*batch, means.shape[-2]), like=means)
+        check_tensor("opacities", opacities, (*batch, means.shape[-2]), like=means)
         strength = opacities.reshape(-1, 1, means.shape[-2])
         strength = strength * seen.compensation if calc_compensations else strength
     radii = seen.radii(size, strength, radius_clip)
@@ -414,95 +370,6 @@ def _with_sparse_gradients(packed: bool, rows: list[Tensor], *tensors: Tensor | 
 
 
 # ---- Rendering ----
-
-
-def _versions(tensors: Sequence[Tensor]) -> list[int]:
-    """Returns a number for each tensor that increases when the tensor is changed in place. Tensors that were created in
-    torch.inference_mode() have no such number; theirs is 0, and changes of them are not detected."""
-    return [0 if tensor.is_inference() else tensor._version for tensor in tensors]
-
-
-class Meta(dict):  # type: ignore[type-arg]
-    """The values that rasterization() returns in addition to images and alphas, by their names in gsplat. Values that
-    few callers need are computed when they are read."""
-
-    def __init__(self, **values: Any) -> None:
-        super().__init__(values)
-        self.later: dict[str, Callable[[], Tensor]] = {}
-
-    def compute_later(self, name: str, value: Callable[[], Tensor], *inputs: Tensor) -> None:
-        """Sets a value that is computed when it is read. Reading it raises UsageError if one of `inputs` has been
-        changed in place, because the value would then not describe what has been rendered."""
-        versions = _versions(inputs)
-
-        def checked() -> Tensor:
-            if _versions(inputs) != versions:
-                raise UsageError(
-                    f"meta['{name}'] is computed when it is read, but the tensors have been changed since they were "
-                    f"rendered: read it earlier, before the step of the optimiser"
-                )
-            return value()
-
-        super().pop(name, None)
-        self.later[name] = checked
-
-    def __missing__(self, key: str) -> Any:
-        if key in self.later:
-            self[key] = self.later[key]()
-            return self[key]
-        raise KeyError(f"{key}: ubs does not return this value: choose one of {', '.join(self)}")
-
-    # dict() and similar functions read the values with keys() and [], because __iter__ is overridden.
-    def keys(self) -> Any:
-        return dict.fromkeys([*super().keys(), *self.later]).keys()
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self.keys())
-
-    def __len__(self) -> int:
-        return len(self.keys())
-
-    def __contains__(self, key: object) -> bool:
-        return key in self.keys()
-
-    def get(self, key: str, default: Any = None) -> Any:
-        return self[key] if key in self else default
-
-    def copy(self) -> dict[str, Any]:
-        return {name: self[name] for name in self}
-
-    def values(self) -> Any:
-        return self.copy().values()
-
-    def items(self) -> Any:
-        return self.copy().items()
-
-    def __setitem__(self, key: str, value: Any) -> None:
-        self.later.pop(key, None)
-        super().__setitem__(key, value)
-
-    def __delitem__(self, key: str) -> None:
-        self.pop(key)
-
-    def pop(self, key: str, *default: Any) -> Any:
-        if key in self.later:
-            self[key]  # computes it
-        return super().pop(key, *default)
-
-    def setdefault(self, key: str, default: Any = None) -> Any:
-        if key not in self:
-            self[key] = default
-        return self[key]
-
-    def __or__(self, other: Any) -> Any:
-        return self.copy() | other
-
-    def __repr__(self) -> str:
-        return repr({name: "computed when it is read" if name in self.later else self[name] for name in self})
-
-    def __reduce__(self) -> Any:
-        # With weights_only=True, torch.load() calls OrderedDict, but refuses to call dict.
-        return OrderedDict, (), None, None, iter(self.copy().items())
 
 
 def rasterization(
@@ -559,7 +426,8 @@ def rasterization(
     are the D colours, unless the mode is D or ED. They are followed by the depth, unless the mode is RGB. The
     dictionary has radii, depths, conics, opacities and means2d. After means2d.retain_grad(), backward() stores the
     gradient of means2d. With `packed`, batch_ids, camera_ids and gaussian_ids identify the Gaussian of each entry;
-    otherwise they are None. conics, and opacities with "antialiased", are computed when they are read. Read them before
+    otherwise they are None. tiles_per_gauss, isect_ids, flatten_ids and isect_offsets are lists of tiles (isect_tiles()).
+    The lists, conics, and opacities with "antialiased" are computed when they are read. Read conics and opacities before
     the arguments of this call are changed in place, for example by an optimiser.
 
     Each pixel contributes to the gradient of means2d. With `absgrad`, backward() also stores the sums of the absolute
@@ -568,26 +436,27 @@ def rasterization(
     gradients are recorded. With `sparse_grad`, which requires `packed`, the gradients of means, quats, scales and
     covars are sparse tensors (COO) of the Gaussians that are in an image.
 
-    channel_chunk, segmented and tile_size determine how gsplat divides its work; they have no effect on pixels.
+    channel_chunk, segmented and tile_size determine how gsplat divides its work; they have no effect on pixels. The lists
+    of tiles have this tile_size.
     `device`, which gsplat does not have, is the ubs device that renders: a number, "gpu", or a part of a name."""
     _refuse(
         distributed=distributed, with_ut=with_ut, with_eval3d=with_eval3d,
         radial_coeffs=radial_coeffs, tangential_coeffs=tangential_coeffs, thin_prism_coeffs=thin_prism_coeffs,
         ftheta_coeffs=ftheta_coeffs, rolling_shutter=rolling_shutter, viewmats_rs=viewmats_rs,
     )
-    _choice("render_mode", render_mode, get_args(RenderMode))
-    _choice("rasterize_mode", rasterize_mode, get_args(RasterizeMode))
+    check_choice("render_mode", render_mode, get_args(RenderMode))
+    check_choice("rasterize_mode", rasterize_mode, get_args(RasterizeMode))
     rows: list[Tensor] = []
     if sparse_grad:
         means, covars, quats, scales = _with_sparse_gradients(packed, rows, means, covars, quats, scales)
-    width, height = size = _whole("width", width), _whole("height", height)
-    tile_size = _whole("tile_size", tile_size)
-    channel_chunk = _whole("channel_chunk", channel_chunk, 2**31 - 1)
+    width, height = size = whole_number("width", width), whole_number("height", height)
+    tile_size = whole_number("tile_size", tile_size)
+    channel_chunk = whole_number("channel_chunk", channel_chunk, 2**31 - 1)
     planes = _planes(near_plane, far_plane)
-    eps2d, radius_clip = _number("eps2d", eps2d), _number("radius_clip", radius_clip)
+    eps2d, radius_clip = number("eps2d", eps2d), number("radius_clip", radius_clip)
     batch = _checked(means, covars, quats, scales, viewmats, Ks, camera_model)
     n, cameras, flat = means.shape[-2], viewmats.shape[-3], math.prod(batch)
-    _check("opacities", opacities, (*batch, n), like=means)
+    check_tensor("opacities", opacities, (*batch, n), like=means)
     least, most = extremes(opacities)
     if least < 0 or most > 1:
         raise UsageError("opacities must be from 0 to 1: apply torch.sigmoid to parameters without bounds")
@@ -599,7 +468,7 @@ def rasterization(
     with_colors, with_depth = "RGB" in render_mode, "D" in render_mode
     degree = sh_degree if with_colors else None
     if with_colors:
-        _shape(colors, "colors", 2 if degree is None else 3)
+        shape_of("colors", colors, 2 if degree is None else 3)
     special = batch or radius_clip > 0 or covars is not None or extra_signals is not None or camera_model != "pinhole"
     inputs = (means, quats, scales, covars, opacities, colors, viewmats, Ks, extra_signals)
     recorded = torch.is_grad_enabled() and any(isinstance(t, Tensor) and t.requires_grad for t in inputs)
@@ -609,7 +478,7 @@ def rasterization(
         assert quats is not None and scales is not None
         values = None  # the channels (cameras or 1, n, D) that are not computed from harmonics
         if with_colors:
-            _check("colors", colors, tuple(colors.shape), like=means)
+            check_tensor("colors", colors, tuple(colors.shape), like=means)
         if with_colors and degree is None:
             values = colors.reshape(-1, n, colors.shape[-1])
         if with_depth:
@@ -637,6 +506,7 @@ def rasterization(
                 meta.compute_later(
                     "opacities", lambda: of_projection(lambda seen: opacities * seen.compensation), opacities, *used
                 )
+            add_lists(meta, batch)
             channels = pictures[0][0].shape[-1]
             grounds = _grounds(backgrounds, means, batch, cameras, channels, 0, render_mode)
             return *_blended(pictures, grounds, render_mode, means, (cameras, height, width, channels)), meta
@@ -695,6 +565,7 @@ def rasterization(
 
     meta.update(zip(("batch_ids", "camera_ids", "gaussian_ids"), ids or (None, None, None)))
     meta.update(radii=out(radii), means2d=means2d, depths=out(depths), conics=out(conics), opacities=out(strength))
+    add_lists(meta, batch)
     if extra_signals is not None:
         last = colours.shape[-1] - ("D" in render_mode)
         meta["render_extra_signals"] = colours[..., last - extra : last]
@@ -737,12 +608,12 @@ def _shaded(
     """Returns the colours (B, C, N, D) of all Gaussians, or the colours (nnz, D) of the Gaussians that `ids` selects.
     They are not clamped. `name` is the name of the argument `colors` in error messages."""
     n, flat = means.shape[-2], math.prod(batch)
-    shape = _shape(colors, name, 2 if degree is None else 3)
+    shape = shape_of(name, colors, 2 if degree is None else 3)
     if degree is not None and len(shape) == 3 and batch:  # the same colours for the whole batch
         colors = colors.expand(*batch, *shape)
     last = shape[-1:] if degree is None else shape[-2:]
     _check_channels(name, shape, degree)
-    _check(name, colors, (*batch, n, *last), (*batch, cameras, n, *last), like=means)
+    check_tensor(name, colors, (*batch, n, *last), (*batch, cameras, n, *last), like=means)
     own = colors.dim() == len(batch) + 2 + len(last)  # each camera has its own colours
     colors = colors.reshape(flat, cameras if own else 1, n, *last)
     if ids is not None:
@@ -799,7 +670,7 @@ def _grounds(
     if backgrounds is None or "RGB" not in mode:
         return None
     wanted = channels - ("D" in mode)
-    _check("backgrounds", backgrounds, (*batch, cameras, wanted), (*batch, cameras, wanted - extra), like=means)
+    check_tensor("backgrounds", backgrounds, (*batch, cameras, wanted), (*batch, cameras, wanted - extra), like=means)
     if channels > backgrounds.shape[-1]:
         backgrounds = torch.nn.functional.pad(backgrounds, (0, channels - backgrounds.shape[-1]))
     return list(backgrounds.reshape(-1, channels))

@@ -12,23 +12,23 @@ import torch
 from torch import Tensor
 
 from ..absent import refusing
+from ..checks import check_choice, check_tensor, shape_of, whole_number
 from ..rendering import (
     CameraModel,
     RollingShutterType,
     _axes,
-    _check,
-    _choice,
     _intrinsics,
     _Projected,
-    _shape,
-    _whole,
     fully_fused_projection,
     spherical_harmonics,
 )
+from ..tiles import isect_offset_encode, isect_tiles
 
 __all__ = [
     "RollingShutterType",
     "fully_fused_projection",
+    "isect_offset_encode",
+    "isect_tiles",
     "proj",
     "quat_scale_to_covar_preci",
     "spherical_harmonics",
@@ -42,9 +42,9 @@ def quat_scale_to_covar_preci(
     """Returns the covariance matrices (..., 3, 3) of Gaussians, and their inverses, which are the precision matrices.
     quats (..., 4) begin with w, and may have any length but 0. scales are (..., 3). With `triu`, the results are the
     upper triangles (..., 6). A result that is not requested is None."""
-    shape = _shape(quats, "quats", 1)[:-1]
-    _check("quats", quats, (*shape, 4))
-    _check("scales", scales, (*shape, 3), like=quats)
+    shape = shape_of("quats", quats, 1)[:-1]
+    check_tensor("quats", quats, (*shape, 4))
+    check_tensor("scales", scales, (*shape, 3), like=quats)
 
     def squared(axes: Tensor) -> Tensor:
         matrix = (axes[:, None] * axes[None]).sum(2)
@@ -60,11 +60,11 @@ def quat_scale_to_covar_preci(
 def world_to_cam(means: Tensor, covars: Tensor, viewmats: Tensor) -> tuple[Tensor, Tensor]:
     """Converts Gaussians to the coordinate systems of C cameras. means (..., N, 3), covars (..., N, 3, 3) and viewmats
     (..., C, 4, 4), from world to camera. Returns means (..., C, N, 3) and covars (..., C, N, 3, 3)."""
-    *batch, n, _ = _shape(means, "means", 2)
-    cameras = _shape(viewmats, "viewmats", 3)[-3]
-    _check("means", means, (*batch, n, 3))
-    _check("covars", covars, (*batch, n, 3, 3), like=means)
-    _check("viewmats", viewmats, (*batch, cameras, 4, 4), like=means)
+    *batch, n, _ = shape_of("means", means, 2)
+    cameras = shape_of("viewmats", viewmats, 3)[-3]
+    check_tensor("means", means, (*batch, n, 3))
+    check_tensor("covars", covars, (*batch, n, 3, 3), like=means)
+    check_tensor("viewmats", viewmats, (*batch, cameras, 4, 4), like=means)
     rotations, shifts = viewmats[..., None, :3, :3], viewmats[..., None, :3, 3]
     points = (rotations * means[..., None, :, None, :]).sum(-1) + shifts
     turned = (rotations[..., None] * covars[..., None, :, None, :, :]).sum(-2)
@@ -77,13 +77,13 @@ def proj(
     """Projects Gaussians in the coordinate systems of C cameras, as world_to_cam() returns them. means (..., C, N, 3),
     covars (..., C, N, 3, 3) and Ks (..., C, 3, 3). Returns means (..., C, N, 2) in pixels and covars (..., C, N, 2, 2)
     in square pixels, without blur. The results of Gaussians behind a camera have no meaning."""
-    _choice("camera_model", camera_model, get_args(CameraModel))
-    *batch, n, _ = _shape(means, "means", 3)
-    _check("means", means, (*batch, n, 3))
-    _check("covars", covars, (*batch, n, 3, 3), like=means)
-    _check("Ks", Ks, (*batch, 3, 3), like=means)
+    check_choice("camera_model", camera_model, get_args(CameraModel))
+    *batch, n, _ = shape_of("means", means, 3)
+    check_tensor("means", means, (*batch, n, 3))
+    check_tensor("covars", covars, (*batch, n, 3, 3), like=means)
+    check_tensor("Ks", Ks, (*batch, 3, 3), like=means)
     _intrinsics(Ks)
-    count, size = math.prod(batch), (_whole("width", width), _whole("height", height))
+    count, size = math.prod(batch), (whole_number("width", width), whole_number("height", height))
     covars = (covars + covars.transpose(-1, -2)) / 2  # so that the gradients are symmetric matrices
     seen = _Projected(  # each image is a batch of its own, whose only camera is at the origin
         means.reshape(count, n, 3), None, covars.reshape(count, n, 3, 3).permute(2, 3, 0, 1),

@@ -1,0 +1,116 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Lists of the tiles that Gaussians touch, as gsplat 1.5 makes them. ubs renders with lists of its own, which stay on
+the device and leave out tiles that an ellipse does not reach. The lists of this module are for scripts that read them.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from typing import Optional
+
+import torch
+from torch import Tensor
+
+from .._errors import UsageError
+from .checks import shape_of, whole_number
+from .meta import Meta
+
+
+def _tile_bits(tile_width: int, tile_height: int) -> int:
+    """Returns the number of bits of isect_ids that contain the index of a tile. It is that of gsplat 1.5."""
+    return (tile_width * tile_height).bit_length()
+
+
+def isect_tiles(
+    means2d: Tensor,
+    radii: Tensor,
+    depths: Tensor,
+    tile_size: int,
+    tile_width: int,
+    tile_height: int,
+    sort: bool = True,
+    segmented: bool = False,
+    packed: bool = False,
+    n_images: Optional[int] = None,
+    image_ids: Optional[Tensor] = None,
+    gaussian_ids: Optional[Tensor] = None,
+) -> tuple[Tensor, Tensor, Tensor]:
+    """Lists the pairs of a tile and a Gaussian whose bounding box touches it. An image has tile_height rows of
+    tile_width tiles, which have tile_size x tile_size pixels.
+
+    means2d (..., N, 2) and radii (..., N, 2) are the centres and the half sides of the boxes in pixels; depths are
+    (..., N). Boxes with a side of 0 touch no tile. With `packed`, the shapes are (nnz, 2) and (nnz,), image_ids (nnz,)
+    are the images of the Gaussians, and n_images is the number of images. `segmented` and gaussian_ids have no effect.
+
+    Returns the number of tiles of each Gaussian (..., N) or (nnz,), int32; the ids of the pairs, int64; and the indices
+    of the Gaussians of the pairs, int32, in the flattened tensors. An id contains the index of the image, that of the
+    tile, and in its lower 32 bits those of the depth as float32. With `sort`, the pairs are in the order of their ids,
+    which is the order of depths within a tile."""
+    shape = shape_of("means2d", means2d, 2)[:-1]
+    for name, tensor, wanted in (("radii", radii, (*shape, 2)), ("depths", depths, shape), ("means2d", means2d, (*shape, 2))):
+        if tuple(tensor.shape) != wanted:
+            raise UsageError(f"{name} has the shape {tuple(tensor.shape)}, not {wanted}")
+    size = whole_number("tile_size", tile_size)
+    across, down = whole_number("tile_width", tile_width), whole_number("tile_height", tile_height)
+    if packed and (image_ids is None or n_images is None):
+        raise UsageError("packed=True needs image_ids and n_images")
+    images = int(n_images or 0) if packed else math.prod(shape[:-1])
+    bits = _tile_bits(across, down)
+    if images.bit_length() + bits > 32:
+        raise UsageError(f"{images} images of {across} x {down} tiles are too many: reduce their number or their size")
+
+    centres, half = means2d.detach().reshape(-1, 2) / size, radii.reshape(-1, 2) / size
+    last = torch.tensor([across, down]).to(centres)
+    low, high = (torch.minimum(side, last).clamp_min(0) for side in (torch.floor(centres - half), torch.ceil(centres + half)))
+    seen = (half > 0).all(-1, keepdim=True)
+    sides = torch.where(seen, high - low, torch.zeros_like(low)).long()
+    counts = sides.prod(-1)
+    which = torch.arange(len(counts), device=counts.device).repeat_interleave(counts)
+    place = torch.arange(len(which), device=counts.device) - (counts.cumsum(0) - counts)[which]  # within the box
+    column = low[which, 0].long() + place % sides[which, 0]
+    row = low[which, 1].long() + torch.div(place, sides[which, 0], rounding_mode="floor")
+    if packed:
+        assert image_ids is not None
+        image = image_ids.reshape(-1).long()[which]
+    else:
+        image = torch.div(which, max(shape[-1], 1), rounding_mode="floor")
+    depth = depths.detach().reshape(-1).float().contiguous().view(torch.int32).long()[which] & 0xFFFFFFFF
+    ids = ((image << bits | row * across + column) << 32) | depth
+    if sort:
+        ids, order = ids.sort(stable=True)
+        which = which[order]
+    return counts.int().reshape(shape), ids, which.int()
+
+
+def isect_offset_encode(isect_ids: Tensor, n_images: int, tile_width: int, tile_height: int) -> Tensor:
+    """Returns, for each tile, the number of pairs of isect_tiles() that come before those of the tile
+    (n_images, tile_height, tile_width), int32. isect_ids are sorted ids."""
+    bits, tiles = _tile_bits(tile_width, tile_height), tile_width * tile_height
+    of_pair = isect_ids >> 32
+    tile = (of_pair >> bits) * tiles + (of_pair & ((1 << bits) - 1))
+    each = torch.arange(n_images * tiles, device=isect_ids.device)
+    return torch.searchsorted(tile, each).int().reshape(n_images, tile_height, tile_width)
+
+
+def add_lists(meta: Meta, batch: tuple[int, ...]) -> None:
+    """Adds the lists to the dictionary of rasterization(), which has the batch dimensions `batch`. They are computed when
+    they are read."""
+    means2d, radii, depths, images = meta["means2d"].detach(), meta["radii"], meta["depths"].detach(), None
+    size, across, down, cameras = (meta[name] for name in ("tile_size", "tile_width", "tile_height", "n_cameras"))
+    if meta["camera_ids"] is not None:
+        images = meta["batch_ids"] * cameras + meta["camera_ids"]
+    count = meta["n_batches"] * cameras
+
+    @functools.cache
+    def lists() -> dict[str, Tensor]:
+        given = (means2d, radii, depths, size, across, down)
+        found = isect_tiles(*given, packed=images is not None, n_images=count, image_ids=images)
+        offsets = isect_offset_encode(found[1], count, across, down).reshape(*batch, cameras, down, across)
+        return dict(zip(("tiles_per_gauss", "isect_ids", "flatten_ids", "isect_offsets"), (*found, offsets)))
+
+    def list_of(name: str) -> None:
+        meta.compute_later(name, lambda: lists()[name], means2d, radii, depths)
+
+    for name in ("tiles_per_gauss", "isect_ids", "flatten_ids", "isect_offsets"):
+        list_of(name)
