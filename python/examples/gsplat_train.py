@@ -19,27 +19,21 @@ from torch import Tensor
 import ubs
 from ubs.gsplat import DefaultStrategy, MCMCStrategy, rasterization
 
+Prepared = tuple[Tensor, Tensor, Tensor]  # viewmat (1, 4, 4), K (1, 3, 3) and image (H, W, 3) of a view
+
 # Learning rates of the parameters. train() multiplies the rate of the means by the size of the scene, and reduces it
 # during the training to a hundredth of its initial value.
 RATES = {"means": 1.6e-4, "scales": 5e-3, "quats": 1e-3, "opacities": 5e-2, "sh0": 2.5e-3, "shN": 1.25e-4}
 
 
-class Views:
-    """The cameras and images of a split as tensors."""
-
-    def __init__(self, views: list[ubs.View]) -> None:
-        self.sizes = [(view.camera.width, view.camera.height) for view in views]
-        self.images = [torch.from_numpy(view.image).float() / 255 for view in views]
-        self.viewmats, self.ks = torch.eye(4).repeat(len(views), 1, 1), torch.eye(3).repeat(len(views), 1, 1)
-        for i, camera in enumerate(view.camera for view in views):
-            self.viewmats[i, :3] = torch.from_numpy(camera.world_to_camera)
-            self.ks[i, :2] = torch.tensor([[camera.fx, 0, camera.cx], [0, camera.fy, camera.cy]])
-
-    def extent(self) -> float:
-        """Returns the size of the scene: 1.1 times the largest distance between a camera and the mean position of all
-        cameras."""
-        centres = torch.inverse(self.viewmats)[:, :3, 3]
-        return 1.1 * float((centres - centres.mean(0)).norm(dim=-1).max())
+def prepared(views: list[ubs.View]) -> list[Prepared]:
+    found = []
+    for view in views:
+        camera, viewmat = view.camera, torch.eye(4)
+        viewmat[:3] = torch.from_numpy(camera.world_to_camera)
+        k = torch.tensor([[camera.fx, 0, camera.cx], [0, camera.fy, camera.cy], [0, 0, 1]])
+        found.append((viewmat[None], k[None], torch.from_numpy(view.image).float() / 255))
+    return found
 
 
 def start(points: Tensor) -> dict[str, torch.nn.Parameter]:
@@ -47,24 +41,21 @@ def start(points: Tensor) -> dict[str, torch.nn.Parameter]:
     square of the distances to its three nearest neighbours."""
     nearest = [torch.cdist(part, points).topk(min(4, len(points)), largest=False)[0] for part in points.split(1024)]
     size = torch.cat(nearest)[:, 1:].square().mean(-1).sqrt().clamp_min(1e-7)
-    count = len(points)
     values = {
-        "means": points,
-        "scales": size.log()[:, None].repeat(1, 3),
-        "quats": torch.randn(count, 4),
-        "opacities": torch.logit(torch.full((count,), 0.3)),
-        "sh0": torch.zeros(count, 1, 3),
-        "shN": torch.zeros(count, 15, 3),
+        "means": points, "scales": size.log()[:, None].repeat(1, 3), "quats": torch.randn(len(points), 4),
+        "opacities": torch.logit(torch.full((len(points),), 0.3)),
+        "sh0": torch.zeros(len(points), 1, 3), "shN": torch.zeros(len(points), 15, 3),
     }
     return {name: torch.nn.Parameter(value) for name, value in values.items()}
 
 
-def render(params: dict[str, Any], views: Views, i: int, degree: int = 3) -> tuple[Tensor, dict[str, Any]]:
-    """Returns the image (H, W, 3) of view `i`, and the dictionary that the strategies need."""
+def render(params: dict[str, Any], view: Prepared, degree: int = 3) -> tuple[Tensor, dict[str, Any]]:
+    """Returns the image (H, W, 3) of a view, and the dictionary that the strategies need."""
+    viewmat, k, (height, width, _) = *view[:2], view[2].shape
     colors = torch.cat([params["sh0"], params["shN"]], 1)
     images, _, info = rasterization(
         params["means"], params["quats"], params["scales"].exp(), params["opacities"].sigmoid(), colors,
-        views.viewmats[i, None], views.ks[i, None], *views.sizes[i], sh_degree=degree, packed=False,
+        viewmat, k, width, height, sh_degree=degree, packed=False,
     )
     return images[0], info
 
@@ -81,35 +72,31 @@ def ssim(a: Tensor, b: Tensor) -> Tensor:
     return value
 
 
-def psnr(params: dict[str, Any], views: Views) -> float:
-    """Returns the mean PSNR over the views, in dB."""
-    with torch.no_grad():
-        images = [render(params, views, i)[0] for i in range(len(views.images))]
-    found = [-10 * math.log10(float((a.clamp(0, 1) - b).square().mean())) for a, b in zip(images, views.images)]
-    return sum(found) / len(found)
-
-
 def train(data: ubs.Dataset, strategy: str, steps: int, gaussians: int, most: int) -> dict[str, Any]:
     """Returns the trained parameters. The initial number of Gaussians is the number of points of the data, or
     `gaussians` if the data have no points. With "mcmc", the number grows to at most `most`."""
     torch.manual_seed(0)
-    views = Views(data.train)
-    extent = views.extent()
+    views = prepared(data.train)
+    centres = torch.cat([torch.inverse(viewmat)[:, :3, 3] for viewmat, _, _ in views])
+    extent = 1.1 * float((centres - centres.mean(0)).norm(dim=-1).max())  # size of the scene
     points = ubs.Model.initial(data, dim=3, init_points=gaussians, unit=1).parameters["xyz"]
     params = start(torch.from_numpy(points.copy()))
     rates = {**RATES, "means": RATES["means"] * extent}
     optimizers = {name: torch.optim.Adam([params[name]], lr=rate, eps=1e-15) for name, rate in rates.items()}
     falling = torch.optim.lr_scheduler.ExponentialLR(optimizers["means"], 0.01 ** (1 / steps))
-    mcmc = MCMCStrategy(cap_max=most, refine_start_iter=steps // 20, refine_stop_iter=steps * 5 // 6)
-    default = DefaultStrategy(refine_start_iter=steps // 20, refine_stop_iter=steps // 2, reset_every=steps // 5)
-    chosen: Any = mcmc if strategy == "mcmc" else default
-    chosen.refine_every = max(1, min(100, steps // 30))
+    refine: dict[str, Any] = {"refine_start_iter": steps // 20, "refine_every": max(1, min(100, steps // 30))}
+    chosen: Any
+    if strategy == "mcmc":
+        chosen = MCMCStrategy(cap_max=most, refine_stop_iter=steps * 5 // 6, **refine)
+        state = chosen.initialize_state()
+    else:
+        chosen = DefaultStrategy(refine_stop_iter=steps // 2, reset_every=steps // 5, **refine)
+        state = chosen.initialize_state(scene_scale=extent)
     chosen.check_sanity(params, optimizers)
-    state = mcmc.initialize_state() if strategy == "mcmc" else default.initialize_state(scene_scale=extent)
     for step in range(steps):
-        i = int(torch.randint(len(views.images), ()))
-        image, info = render(params, views, i, degree=min(3, step * 10 // steps))
-        loss = 0.8 * (image - views.images[i]).abs().mean() + 0.2 * (1 - ssim(image, views.images[i]))
+        view = views[int(torch.randint(len(views), ()))]
+        image, info = render(params, view, degree=min(3, step * 10 // steps))
+        loss = 0.8 * (image - view[2]).abs().mean() + 0.2 * (1 - ssim(image, view[2]))
         if strategy == "mcmc":
             # MCMC relocates transparent Gaussians. Without these penalties, only few Gaussians become transparent.
             loss = loss + 0.01 * params["opacities"].sigmoid().mean() + 0.01 * params["scales"].exp().mean()
@@ -119,10 +106,8 @@ def train(data: ubs.Dataset, strategy: str, steps: int, gaussians: int, most: in
             optimizer.step()
             optimizer.zero_grad(set_to_none=True)
         falling.step()
-        if strategy == "mcmc":
-            mcmc.step_post_backward(params, optimizers, state, step, info, lr=falling.get_last_lr()[0])
-        else:
-            default.step_post_backward(params, optimizers, state, step, info, packed=False)
+        rest = {"lr": falling.get_last_lr()[0]} if strategy == "mcmc" else {"packed": False}
+        chosen.step_post_backward(params, optimizers, state, step, info, **rest)
         if step % 100 == 0:
             print(f"step {step}: loss {float(loss.detach()):.4f}, {len(params['means'])} Gaussians")
     return params
@@ -130,20 +115,20 @@ def train(data: ubs.Dataset, strategy: str, steps: int, gaussians: int, most: in
 
 def main(arguments: Optional[list[str]] = None) -> None:
     parser = argparse.ArgumentParser(description="Trains Gaussians with ubs.gsplat.")
-    parser.add_argument("data", nargs="?", help="folder of images and cameras; without it, a synthetic scene is used")
-    parser.add_argument("--strategy", choices=("default", "mcmc"), default="default",
-                        help="how Gaussians are added and removed: as in 3D Gaussian Splatting (default), or as in "
-                        "3DGS-MCMC (mcmc) [default]")
-    parser.add_argument("--steps", type=int, default=2000, help="number of training steps [2000]")
-    parser.add_argument("--gaussians", type=int, default=2000,
-                        help="initial number of Gaussians if the data contain no points [2000]")
-    parser.add_argument("--cap-max", type=int, default=10000,
-                        help="maximum number of Gaussians with --strategy mcmc [10000]")
+    add = parser.add_argument
+    add("data", nargs="?", help="folder of images and cameras; without it, a synthetic scene is used")
+    add("--strategy", choices=("default", "mcmc"), default="default", help="changes the number of Gaussians [default]")
+    add("--steps", type=int, default=2000, help="number of training steps [2000]")
+    add("--gaussians", type=int, default=2000, help="initial number of Gaussians if the data have no points [2000]")
+    add("--cap-max", type=int, default=10000, help="maximum number of Gaussians with --strategy mcmc [10000]")
     given = parser.parse_args(arguments)
     data = ubs.Dataset.open(given.data) if given.data else ubs.synth("glossy")
     params = train(data, given.strategy, given.steps, given.gaussians, given.cap_max)
-    test = data.test or data.train
-    print(f"PSNR {psnr(params, Views(test)):.2f} dB over {len(test)} views with {len(params['means'])} Gaussians")
+    test = prepared(data.test or data.train)
+    with torch.no_grad():
+        errors = [float((render(params, view)[0].clamp(0, 1) - view[2]).square().mean()) for view in test]
+    psnr = sum(-10 * math.log10(error) for error in errors) / len(errors)
+    print(f"PSNR {psnr:.2f} dB over {len(test)} views with {len(params['means'])} Gaussians")
 
 
 if __name__ == "__main__":
