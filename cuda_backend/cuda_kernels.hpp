@@ -72,7 +72,8 @@ struct RasterKernels {
   Kernel<RasterJoinKernel> join;
   Kernel<void(const float* records, const u32* sorted_ids, const u32* sorted_slots, const u32* tile_ranges,
               int tiles_x, int tiles_y, int width, int height, const float* image, const float* v_image,
-              const u16* masks, const float* states, float* slots)>
+              const u16* masks, const float* states, const float* more_colours, const float* v_more,
+              int more_channels, float* slots)>
       backward;
   Kernel<void(u32 count, const u32* tile_counts, const u32* slot_offsets, const float* slots,
               const u16* masks, float* v_records)>

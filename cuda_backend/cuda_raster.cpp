@@ -54,13 +54,14 @@ void Raster::run(const RasterBackward& work) {
   check_backward(config_, "raster backward");
   check_raster(work, true);
   check_list_states(work);
-  require(work.v_image.size >= 3 * work.shape.plane(), "the buffer for v_image is too small");
+  check_channels(config_, work);
   // In CUDA, a single buffer may be as large as the memory of the device, so slots are never divided.
   require(work.slots.count <= 1, "the slots must be in a single buffer");
   device_.launch("raster_backward", kernels_.backward, static_cast<unsigned>(list_segments(work)),
                  kTileThreads, work.records, work.sorted_ids, work.sorted_slots, work.tile_ranges,
                  work.shape.tiles_x(), work.shape.tiles_y(), work.shape.width, work.shape.height, work.image,
-                 work.v_image, work.masks, work.states, work.slots.pieces[0]);
+                 work.v_image, work.masks, work.states, work.more_colours, work.v_more, work.more_channels,
+                 work.slots.pieces[0]);
 }
 
 void Raster::run(const SumSlots& work) {

@@ -99,7 +99,9 @@ enum {  // 1 if the model has a raw beta for the spatial kernel, and raw betas f
 
 // If UBS_ABSGRAD is 1, the gradient of a splat's position in the image is replaced by a sum of absolute values. The sum
 // is that of the absolute contributions of all pixels to the gradient, for x and y separately. It is used as a
-// criterion for densification (AbsGS, Ye et al. 2024).
+// criterion for densification (AbsGS, Ye et al. 2024). Images with more than three channels are rendered in several
+// passes, but a contribution is that of all channels together. So the backward pass can get the values of the further
+// channels (RasterBackward::more_colours in host/device/stages.hpp).
 #ifndef UBS_ABSGRAD
 #define UBS_ABSGRAD 0
 #endif

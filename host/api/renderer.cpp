@@ -42,6 +42,7 @@ namespace ubs::facade {
 namespace {
 
 constexpr std::int64_t kMaxArraySide = 1 << 20;  // [px]
+constexpr std::size_t kMaxChannels = 1 << 16;    // in addition to red, green and blue
 
 std::size_t pixels_of(const Camera& camera) {
   return static_cast<std::size_t>(camera.width) * static_cast<std::size_t>(camera.height);
@@ -96,6 +97,14 @@ void download(const ubs_renderer& renderer, MixedModel& to) {
 }
 
 bool reads_arrays(const ubs_renderer& renderer) { return renderer.flags & UBS_RENDER_GAUSSIANS; }
+
+// Returns the number of splats that the renderer draws.
+std::size_t splats_of(const ubs_renderer& renderer) {
+  if (reads_arrays(renderer)) return renderer.gaussians.splats.count;
+  std::size_t count = 0;
+  for (const DeviceModel& group : renderer.session->model().groups()) count += group.count();
+  return count;
+}
 
 void check_gaussians(const MixedModel& model) {
   const ModelVariant variant = model.variant();
@@ -369,6 +378,20 @@ ubs_status ubs_renderer_vjp(ubs_renderer* renderer, const ubs_camera* camera,
     check_finite(rgb, "v_image.rgb");
     check_finite(alpha, "v_image.alpha");
     check_finite(depth, "v_image.depth");
+    const std::size_t channels = v.more_channels;
+    if (channels > 0 && (!(r.flags & UBS_RENDER_ABSGRAD) || v.depth))
+      fail(ErrorKind::usage, "v_image.more_channels requires UBS_RENDER_ABSGRAD, and no v_image.depth");
+    if (channels > kMaxChannels)
+      fail(ErrorKind::usage, "v_image.more_channels is {}, but must be at most {}", channels, kMaxChannels);
+    if (channels > 0 && (!v.more || !v.more_image || !v.more_colours))
+      fail(ErrorKind::usage, "v_image.more_channels is {}, but more, more_image or more_colours is NULL",
+           channels);
+    const std::span<const float> more(v.more, channels * pixels_of(view)),
+        more_image(v.more_image, channels * pixels_of(view)),
+        more_colours(v.more_colours, channels * splats_of(r));
+    check_finite(more, "v_image.more");
+    check_finite(more_image, "v_image.more_image");
+    check_finite(more_colours, "v_image.more_colours");
     ModelSession& session = *r.session;
     if (gradient) need_rows(r, "a model for the gradient");
     if (gradient) check_same_groups(groups_of(r), gradient->loaded.model, true, "the gradient");
@@ -379,7 +402,9 @@ ubs_status ubs_renderer_vjp(ubs_renderer* renderer, const ubs_camera* camera,
       session.renderer().forward(groups_to_draw(r), 0, session.settings(), true);
     }
     r.painted_over = v.alpha || v.depth;
-    r.backward->run({rgb, alpha, depth, v_rgb_at, v_alpha_at, v_depth_at}, buffers);
+    r.backward->run({rgb, alpha, depth, v_rgb_at, v_alpha_at, v_depth_at, v.more_channels, more, more_image,
+                     more_colours},
+                    buffers);
     if (gradient) download(r, gradient->loaded.model);
     r.differentiated = camera_from(seen);
     if (!r.painted_over) r.kept = seen;

@@ -43,6 +43,18 @@ void check_raster(const Work& work, bool slots) {
   require(work.image.size >= 3 * work.shape.plane(), "the image buffer is too small for three planes");
 }
 
+// Checks the channels of RasterBackward.
+inline void check_channels(const KernelConfig& config, const RasterBackward& work) {
+  const std::size_t plane = work.shape.plane();
+  if (work.v_image.size < 3 * plane)
+    fail(ErrorKind::internal, "raster: v_image is too small for three planes");
+  if (work.more_channels == 0) return;
+  if (work.more_channels < 0 || !config.absgrad)
+    fail(ErrorKind::internal, "raster: {} further channels without absgrad", work.more_channels);
+  if (work.v_more.size < static_cast<std::size_t>(1 + work.more_channels) * plane)
+    fail(ErrorKind::internal, "raster: v_more is too small for {} channels", work.more_channels);
+}
+
 // Checks the size of the list states of RasterForward and RasterBackward with RasterKind::gpu.
 template <typename Work>
 void check_list_states(const Work& work) {

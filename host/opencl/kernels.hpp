@@ -37,14 +37,15 @@ inline constexpr Declared<void(const float* records, const u32* sorted_ids, cons
 inline constexpr Declared<RasterPartsKernel> kRasterGpuParts{"raster_gpu_parts"};
 inline constexpr Declared<RasterForwardKernel> kRasterGpuForward{"raster_gpu_forward"};
 inline constexpr Declared<RasterJoinKernel> kRasterGpuJoin{"raster_gpu_join"};
-inline constexpr Declared<void(const float* records, const u32* sorted_ids, const u32* sorted_slots,
-                               const u32* tile_ranges, int tiles_x, int tiles_y, int width, int height,
-                               const float* image, const float* v_image, const u16* masks, Slots* slots)>
+inline constexpr Declared<void(
+    const float* records, const u32* sorted_ids, const u32* sorted_slots, const u32* tile_ranges, int tiles_x,
+    int tiles_y, int width, int height, const float* image, const float* v_image, const u16* masks,
+    const float* more_colours, const float* v_more, int more_channels, Slots* slots)>
     kRasterCpuBackward{"raster_cpu_backward"};
-inline constexpr Declared<void(const float* records, const u32* sorted_ids, const u32* sorted_slots,
-                               const u32* tile_ranges, int tiles_x, int tiles_y, int width, int height,
-                               const float* image, const float* v_image, const u16* masks,
-                               const float* states, Slots* slots)>
+inline constexpr Declared<void(
+    const float* records, const u32* sorted_ids, const u32* sorted_slots, const u32* tile_ranges, int tiles_x,
+    int tiles_y, int width, int height, const float* image, const float* v_image, const u16* masks,
+    const float* states, const float* more_colours, const float* v_more, int more_channels, Slots* slots)>
     kRasterGpuBackward{"raster_gpu_backward"};
 inline constexpr Declared<void(u32 count, const u32* tile_counts, const u32* slot_offsets, const Slots* slots,
                                const u16* masks, const float* records, float* v_records)>

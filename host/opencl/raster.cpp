@@ -167,15 +167,17 @@ void Raster::run(const RasterBackward& work) {
   check_backward(config_, "raster backward");
   check_raster(work, true);
   if (!on_cpu(config_)) check_list_states(work);
-  require(work.v_image.size >= 3 * work.shape.plane(), "v_image is too small for three planes");
+  check_channels(config_, work);
   KernelSet& kernels = raster(work.slots.count > 1);
   with_lists(work, [&](const auto&... lists) {
     if (on_cpu(config_))
       core_groups_.launch(kernels[kRasterCpuBackward], static_cast<std::size_t>(work.shape.tiles()), lists...,
-                          work.image, work.v_image, work.masks, work.slots);
+                          work.image, work.v_image, work.masks, work.more_colours, work.v_more,
+                          work.more_channels, work.slots);
     else
       kernels[kRasterGpuBackward](Range{list_segments(work) * kGpuGroup}, Range{kGpuGroup}, lists...,
-                                  work.image, work.v_image, work.masks, work.states, work.slots);
+                                  work.image, work.v_image, work.masks, work.states, work.more_colours,
+                                  work.v_more, work.more_channels, work.slots);
   });
 }
 

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "host/pipeline/image_gradient.hpp"
 
+#include <numeric>
 #include <vector>
 
 #include "host/base/error.hpp"
@@ -30,6 +31,25 @@ BufferView<float> ImageBackward::zeros(Buffer<float>& buffer, const ImageShape& 
   return buffer.view();
 }
 
+MoreChannels ImageBackward::upload_more(const ImageGradient& v) {
+  if (v.more_channels == 0) return {};
+  const ImageShape shape = renderer_.shape();
+  const std::size_t channels = v.more_channels, pixels = v.more.size() / channels;
+  std::vector<float> values;  // for each pixel the first plane of RasterBackward::v_more, and then the others
+  values.reserve((1 + channels) * pixels);
+  for (std::size_t pixel = 0; pixel < pixels; ++pixel) {
+    const auto of_pixel = v.more.subspan(pixel * channels, channels);
+    const auto image = v.more_image.subspan(pixel * channels, channels);
+    values.push_back(std::inner_product(of_pixel.begin(), of_pixel.end(), image.begin(), 0.0f));
+    values.insert(values.end(), of_pixel.begin(), of_pixel.end());
+  }
+  reserve(device_, v_more_, "image gradient", (1 + channels) * shape.plane());
+  upload(device_, v_more_.view(), values, 1 + channels, shape);
+  reserve(device_, more_colours_, "further channels", v.more_colours.size());
+  device_.write(*more_colours_.view().memory, 0, std::as_bytes(v.more_colours));
+  return {more_colours_.view(), v_more_.view(), static_cast<int>(channels)};
+}
+
 void ImageBackward::colours_to_records(const ImageGradient& v) {
   const ImageShape shape = renderer_.shape();
   if (!v.rgb.empty())
@@ -47,7 +67,7 @@ void ImageBackward::colours_to_records(const ImageGradient& v) {
                               .image = renderer_.image(),
                               .v_image = renderer_.v_image()});
   }
-  renderer_.backward_to_records();
+  renderer_.backward_to_records(upload_more(v));
 }
 
 void ImageBackward::depth_to_records(const ImageGradient& v) {
@@ -90,6 +110,11 @@ void ImageBackward::run(const ImageGradient& v, std::span<const BufferView<float
       (!v.depth.empty() && v.depth.size() != pixels))
     fail(ErrorKind::internal, "gradients of {} colours, {} alphas and {} depths do not match {}x{} pixels",
          v.rgb.size(), v.alpha.size(), v.depth.size(), shape.width, shape.height);
+  const std::size_t splats = renderer_.records().size / kSplatStride;
+  if (v.more.size() != v.more_channels * pixels || v.more_image.size() != v.more.size() ||
+      v.more_colours.size() != v.more_channels * splats || (v.more_channels > 0 && v.has_depth()))
+    fail(ErrorKind::internal, "gradients of {} further channels do not match {}x{} pixels and {} splats",
+         v.more_channels, shape.width, shape.height, splats);
   if (v.has_depth())
     depth_to_records(v);
   else

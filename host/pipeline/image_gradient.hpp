@@ -17,6 +17,12 @@ struct ImageGradient {
   std::span<const float> alpha;  // (height, width)
   std::span<const float> depth;  // (height, width); needs KernelConfig::depth and depth_grad
   bool rgb_on_device = false, alpha_on_device = false, depth_on_device = false;
+  // Further channels, whose gradients have an effect on the positions, shapes and opacities of the splats.
+  // Only with KernelConfig::absgrad, and not together with depth.
+  std::uint32_t more_channels = 0;
+  std::span<const float> more;          // (height, width, more_channels)
+  std::span<const float> more_image;    // the same shape: these channels of the image, without a background
+  std::span<const float> more_colours;  // (splats of all groups, more_channels)
 
   bool has_alpha() const { return alpha_on_device || !alpha.empty(); }
   bool has_depth() const { return depth_on_device || !depth.empty(); }
@@ -61,12 +67,13 @@ class ImageBackward {
  private:
   BufferView<float> zeros(Buffer<float>& buffer, const ImageShape& shape);
   void colours_to_records(const ImageGradient& v);
+  MoreChannels upload_more(const ImageGradient& v);
   void depth_to_records(const ImageGradient& v);
 
   Device& device_;
   Stages& stages_;
   Renderer& renderer_;
-  Buffer<float> v_alpha_, v_depth_, mean_;
+  Buffer<float> v_alpha_, v_depth_, mean_, more_colours_, v_more_;
   Buffer<float> earlier_;  // v_records of colours and alpha, while those of depth are computed
 };
 

@@ -450,7 +450,7 @@ ProjectBackward Renderer::projection_of(const RenderGroup& group, std::uint32_t 
           .accumulate = accumulate};
 }
 
-void Renderer::backward_to_records() {
+void Renderer::backward_to_records(const MoreChannels& more) {
   if (!for_backward_)
     fail(ErrorKind::internal, "a gradient is only available for views that are rendered with for_backward");
   stages_.raster_backward({.shape = shape_,
@@ -462,7 +462,10 @@ void Renderer::backward_to_records() {
                            .masks = masks_.view(),
                            .states = list_states_.view(),
                            .v_image = v_image_.view(),
-                           .slots = slots_.view()});
+                           .slots = slots_.view(),
+                           .more_colours = more.colours,
+                           .v_more = more.v,
+                           .more_channels = more.count});
   stages_.sum_slots({.count = count_,
                      .tile_counts = tile_counts_.view(),
                      .slot_offsets = slot_offsets_.view(),

@@ -80,6 +80,12 @@ class UncountedView {
   ListTotals* recent_ = nullptr;
 };
 
+// MoreChannels holds the members of RasterBackward for further channels.
+struct MoreChannels {
+  BufferView<float> colours, v;
+  int count = 0;
+};
+
 class Renderer {
  public:
   // The splats of a SplatView that is passed to a method must have the N and the variant of `stages`. A
@@ -113,7 +119,8 @@ class Renderer {
   void backward(std::span<const BufferView<float>> v_params, bool accumulate);
   // These are the two halves of backward(). backward_to_records() computes the gradient of the projected
   // splats, v_records(). backward_from_records() computes the gradient of the parameters from v_records().
-  void backward_to_records();
+  // `more` are the channels in addition to red, green and blue, which RasterBackward describes.
+  void backward_to_records(const MoreChannels& more = {});
   void backward_from_records(std::span<const BufferView<float>> v_params, bool accumulate);
   // The next five functions are for views whose splats are projected by one process and whose image is
   // rendered by another process (shared_renderer.hpp). In the process that projects, project_only() computes

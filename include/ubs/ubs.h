@@ -311,6 +311,14 @@ typedef struct ubs_image_gradient {
   const float* rgb;   /* (height, width, 3) */
   const float* alpha; /* (height, width) */
   const float* depth; /* (height, width); requires UBS_RENDER_DEPTH; ignored for pixels with alpha < 1e-6 */
+  /* Further channels of images with more than three channels, which are rendered in several passes. With
+   * UBS_RENDER_ABSGRAD, the absolute value of a contribution is that of all channels together, so it has to
+   * know all of them. Requires UBS_RENDER_ABSGRAD, and depth = NULL. The gradients with respect to positions,
+   * shapes and opacities include those of these channels. */
+  uint32_t more_channels;
+  const float* more;         /* (height, width, more_channels): gradient with respect to these channels */
+  const float* more_image;   /* the same shape: the channels of the image, without a background */
+  const float* more_colours; /* (splats, more_channels): the values of the splats */
 } ubs_image_gradient;
 
 /* Gradient with respect to a camera. It only considers changes of the camera after which its rotation matrix
@@ -392,7 +400,8 @@ UBS_API ubs_status ubs_renderer_set_gaussians(ubs_renderer* renderer, const ubs_
  * program, and waits until they are complete. `count` and `bases` must be those of the Gaussians. The
  * function does not write the gradients of coefficients that are not used, and does not check whether
  * gradients are finite. */
-UBS_API ubs_status ubs_renderer_get_gaussian_gradients(ubs_renderer* renderer, const ubs_gaussians* gradients);
+UBS_API ubs_status ubs_renderer_get_gaussian_gradients(ubs_renderer* renderer,
+                                                       const ubs_gaussians* gradients);
 /* Renders a view and copies the arrays of `image` that are not NULL. */
 UBS_API ubs_status ubs_renderer_draw(ubs_renderer* renderer, const ubs_camera* camera,
                                      const ubs_image* image);
@@ -435,7 +444,8 @@ typedef enum ubs_array_name {
   UBS_ARRAY_DEPTH = 3,         /* (height, width): depth of the last rendered image */
   /* An array (height, width, 3) for a gradient of the image. The program sets shape[0] to the height and
    * shape[1] to the width of the view before it requests the array, whose values are then 0. It writes the
-   * gradient to the array, and passes the array as rgb to ubs_renderer_vjp. This function may overwrite it. */
+   * gradient to the array, and passes the array as rgb to ubs_renderer_vjp. This function may overwrite it.
+   */
   UBS_ARRAY_V_RGB = 4,
   /* The last gradient with respect to the parameters, in the layout of UBS_ARRAY_PARAMETERS. */
   UBS_ARRAY_GRADIENT = 5,

@@ -31,6 +31,9 @@ typedef struct {
   float4 sums[kSums * kParts / 4];  // see sum_place()
   uint blocks[UBS_BACKWARD_BATCH], slots[UBS_BACKWARD_BATCH];
   float2 colours[UBS_BACKWARD_BATCH];
+#if UBS_ABSGRAD
+  uint ids[UBS_BACKWARD_BATCH];
+#endif
   uint hits[kBlocks * kBackwardWords], kept[kBackwardWords];
 #if !UBS_SUBGROUPS
   float values[kSums * kBlocks * (kLanes + 1)];
@@ -121,6 +124,9 @@ UBS_FN int fill_batch(UBS_LOCAL BackwardShared* shared, uint at, uint last, UBS_
     shared->places[place] = record.place;
     shared->shapes[place] = record.shape;
     shared->colours[place] = record.colour;
+#if UBS_ABSGRAD
+    shared->ids[place] = sorted_ids[at + (uint)item];
+#endif
     shared->slots[place] = slot;
     shared->blocks[place] = mask;
   }
@@ -164,6 +170,12 @@ UBS_FN void write_slots(UBS_LOCAL const BackwardShared* shared, int first, int c
   ((UBS_GLOBAL float4*)UBS_SLOT_PIECE(slot))[(ulong)UBS_SLOT_IN_PIECE(slot) * (kCardSlotStride / 4) + (ulong)part] = sum;
 }
 
+// With UBS_ABSGRAD, images may have further channels. more_colours (splats, more_channels) are the values of the splats
+// in these channels. Plane 0 of v_more (1 + more_channels, rows, pitch) is the dot product of the further channels of
+// the image and their gradients, and the other planes are these gradients. The states contain nothing of further
+// channels, so if there are any, the work-group of a segment also visits the segments before it, and writes no slots
+// for these.
+//
 // Each block visits those splats of a turn that reach it. If lanes can exchange values, each block advances at its own
 // pace. Otherwise all blocks visit their k-th splat at the same time, because the sums go through local memory, and the
 // barriers that this requires involve all work-items.
@@ -171,7 +183,8 @@ UBS_KERNEL UBS_WAVES UBS_GROUP(kItems) void raster_gpu_backward(
     UBS_GLOBAL const float* records, UBS_GLOBAL const uint* sorted_ids, UBS_GLOBAL const uint* sorted_slots,
     UBS_GLOBAL const uint* tile_ranges, int tiles_x, int tiles_y, int width, int height,
     UBS_GLOBAL const float* image, UBS_GLOBAL const float* v_image, UBS_GLOBAL const ushort* masks,
-    UBS_GLOBAL const float* states, UBS_SLOTS(UBS_GLOBAL float*)) {
+    UBS_GLOBAL const float* states, UBS_GLOBAL const float* more_colours, UBS_GLOBAL const float* v_more,
+    int more_channels, UBS_SLOTS(UBS_GLOBAL float*)) {
   UBS_SHARED BackwardShared shared;
   UBS_EXCHANGE_LOCALS
   int item = ubs_item();
@@ -179,21 +192,25 @@ UBS_KERNEL UBS_WAVES UBS_GROUP(kItems) void raster_gpu_backward(
   if (segment.first == segment.last) return;
   TilePixel pixel = tile_pixel(segment.tile, item, tiles_x, tiles_y, width, height);
   float4 state = ubs_float4(pixel.inside ? 1.0f : 0.0f, 0.0f, 0.0f, 0.0f);
-  if (segment.number > 0)
+  uint from = UBS_ABSGRAD && more_channels > 0 ? tile_ranges[segment.tile] : segment.first;
+  if (segment.number > 0 && from == segment.first)
     state = ((UBS_GLOBAL const float4*)states)[(ulong)segment.states * kItems + (ulong)item];
 
   float v_r = v_image[pixel.index], v_g = v_image[pixel.plane + pixel.index],
         v_b = v_image[2 * pixel.plane + pixel.index];
   float remaining = (image[pixel.index] - state.y) * v_r + (image[pixel.plane + pixel.index] - state.z) * v_g +
                     (image[2 * pixel.plane + pixel.index] - state.w) * v_b;
+  if (UBS_ABSGRAD && more_channels > 0) remaining += v_more[pixel.index];
   float open = state.x;
 
 #if !UBS_BALLOT
   if (item < kBackwardWords) shared.kept[item] = 0;
   UBS_BARRIER();
 #endif
-  for (uint at = segment.first; at < segment.last; at += UBS_BACKWARD_BATCH) {
-    int count = fill_batch(&shared, at, segment.last, records, sorted_ids, sorted_slots, masks, item);
+  for (uint at = from, next; at < segment.last; at = next) {
+    uint last = UBS_ABSGRAD && at < segment.first ? segment.first : segment.last;
+    next = UBS_ABSGRAD ? ubs_min(at + (uint)UBS_BACKWARD_BATCH, last) : at + (uint)UBS_BACKWARD_BATCH;
+    int count = fill_batch(&shared, at, last, records, sorted_ids, sorted_slots, masks, item);
     for (int turn = 0; turn < count; turn += kTurn) {
       // Bit k of `bits` is set if the block visits splat k of this turn.
       int word = turn / 32;
@@ -216,8 +233,14 @@ UBS_KERNEL UBS_WAVES UBS_GROUP(kItems) void raster_gpu_backward(
         BlendSplat s = blend_splat(place, shared.shapes[turn + k], shared.colours[turn + k]);
         BlendAlpha a = blend_alpha(s, place.x - pixel.x, place.y - pixel.y);
         BlendStep step = blend_step(a, open);
-        float left = blend_remaining(s, step, remaining, v_r, v_g, v_b);
-        BlendSums v = blend_vjp(blend_no_sums(), s, a, step, open, left, v_r, v_g, v_b);
+        float shade = blend_shade(s, v_r, v_g, v_b);
+#if UBS_ABSGRAD
+        for (int c = 0; c < more_channels; ++c)
+          shade += more_colours[(ulong)shared.ids[turn + k] * (ulong)more_channels + (ulong)c] *
+                   v_more[(ulong)(1 + c) * (ulong)pixel.plane + (ulong)pixel.index];
+#endif
+        float left = blend_remaining(step, remaining, shade);
+        BlendSums v = blend_vjp(blend_no_sums(), s, a, step, open, left, shade, v_r, v_g, v_b);
         remaining = active ? left : remaining;
         open = active ? step.open : open;
         const float all[kSums] = {v.hp, v.hq, v.hpp, v.hpq, v.hqq, v.opacity, v.log_beta, v.r, v.g, v.b};
@@ -239,7 +262,7 @@ UBS_KERNEL UBS_WAVES UBS_GROUP(kItems) void raster_gpu_backward(
 #endif
       }
       UBS_BARRIER();
-      write_slots(&shared, turn, count, item, UBS_SLOT_ARGUMENTS);
+      if (!UBS_ABSGRAD || at >= segment.first) write_slots(&shared, turn, count, item, UBS_SLOT_ARGUMENTS);
       UBS_BARRIER();
     }
   }

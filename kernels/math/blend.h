@@ -129,18 +129,19 @@ UBS_FN BlendSums blend_no_sums(void) {
   return s;
 }
 
+// Returns the dot product of the splat's colour and the gradient v of the pixel's colour.
+UBS_FN vreal blend_shade(BlendSplat s, vreal v_r, vreal v_g, vreal v_b) { return s.r * v_r + s.g * v_g + s.b * v_b; }
+
 // Returns the dot product of the gradient v of the pixel's colour and the colour that is composited after the splat,
-// including the background. `remaining` is the result for the previous splat.
-UBS_FN vreal blend_remaining(BlendSplat s, BlendStep step, vreal remaining, vreal v_r, vreal v_g, vreal v_b) {
-  return remaining - step.weight * (s.r * v_r + s.g * v_g + s.b * v_b);
-}
+// including the background. `remaining` is the result for the previous splat, and `shade` that of blend_shade().
+UBS_FN vreal blend_remaining(BlendStep step, vreal remaining, vreal shade) { return remaining - step.weight * shade; }
 
 // Adds the contribution of the splat at one pixel to `sums`. Each addition is one expression, so that it compiles to
-// one fused instruction. `open` is the transmittance in front of the splat, `remaining` is the result of
-// blend_remaining() for this splat, and v_r, v_g and v_b are the gradient of the loss with respect to the colour of the
-// pixel.
+// one fused instruction. `open` is the transmittance in front of the splat, `remaining` and `shade` are the results of
+// blend_remaining() and blend_shade() for this splat, and v_r, v_g and v_b are the gradient of the loss with respect to
+// the colour of the pixel.
 UBS_FN BlendSums blend_vjp(BlendSums sums, BlendSplat s, BlendAlpha a, BlendStep step, vreal open, vreal remaining,
-                           vreal v_r, vreal v_g, vreal v_b) {
+                           vreal shade, vreal v_r, vreal v_g, vreal v_b) {
 #ifndef UBS_NO_V_COLOUR
   sums.r += step.weight * v_r;
   sums.g += step.weight * v_g;
@@ -150,8 +151,8 @@ UBS_FN BlendSums blend_vjp(BlendSums sums, BlendSplat s, BlendAlpha a, BlendStep
   vreal rim = V(1.0) - a.r;
   rim = rim < (vreal)(UBS_RIM) ? (vreal)(UBS_RIM) : rim;
   vreal inverse = ubs_reciprocal(one_minus_alpha * rim);  // the Beta kernel needs 1 / one_minus_alpha and 1 / rim
-  vreal v_alpha = open * (s.r * v_r + s.g * v_g + s.b * v_b) -
-                  (UBS_FALLOFF == UBS_FALLOFF_BETA ? remaining * (inverse * rim) : remaining / one_minus_alpha);
+  vreal v_alpha =
+      open * shade - (UBS_FALLOFF == UBS_FALLOFF_BETA ? remaining * (inverse * rim) : remaining / one_minus_alpha);
   v_alpha = (step.composited & a.passes) ? v_alpha : V(0.0);
 #ifndef UBS_NO_V_OPACITY
   sums.opacity += a.falloff * v_alpha;

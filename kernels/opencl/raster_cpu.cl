@@ -374,7 +374,7 @@ typedef struct {
 } Gradients;
 
 UBS_FN void start_gradients(Gradients* blocks, Tile tile, __global const float* image,
-                            __global const float* v_image) {
+                            __global const float* v_image, __global const float* v_more, int more_channels) {
   Centres centres;
   make_centres(&centres, tile.left, tile.top);
   for (int block = 0; block < kBlocks; ++block) {
@@ -387,26 +387,42 @@ UBS_FN void start_gradients(Gradients* blocks, Tile tile, __global const float* 
     load_block(to->v_r, v_image + corner, tile.pitch);
     load_block(to->v_g, v_image + tile.plane + corner, tile.pitch);
     load_block(to->v_b, v_image + 2 * tile.plane + corner, tile.pitch);
+    vreal further[kParts];
+    if (UBS_ABSGRAD && more_channels > 0) load_block(further, v_more + corner, tile.pitch);
     for (int part = 0; part < kParts; ++part) {
       to->x[part] = centres.x[block % kBlocksX][part];
       to->y[part] = centres.y[block / kBlocksX][part];
       to->open[part] =
           initial_open(part, block_left(tile, block), block_top(tile, block), tile.width, tile.height);
       to->remaining[part] = r[part] * to->v_r[part] + g[part] * to->v_g[part] + b[part] * to->v_b[part];
+      if (UBS_ABSGRAD && more_channels > 0) to->remaining[part] += further[part];
     }
   }
 }
 
-// Finishes a visit and adds its gradient to the sums.
-UBS_FN BlendSums add_visit(BlendSums sums, Gradients* pixels, Visit visit) {
+// Adds the dot products of the further channels of a splat, `colours`, and their gradients at the pixels of a block to
+// `shades`. `v` are the planes of the gradients, starting at the corner of the block. Only used with UBS_ABSGRAD.
+UBS_FN void add_more_channels(vreal* shades, __global const float* colours, int channels, __global const float* v,
+                              Tile tile) {
+  for (int c = 0; c < channels; ++c) {
+    vreal gradients[kParts];
+    load_block(gradients, v + (ulong)c * (ulong)tile.plane, tile.pitch);
+    for (int part = 0; part < kParts; ++part) shades[part] += colours[c] * gradients[part];
+  }
+}
+
+// Finishes a visit and adds its gradient to the sums. `more` contains the sums of add_more_channels() for the block.
+UBS_FN BlendSums add_visit(BlendSums sums, Gradients* pixels, Visit visit, const vreal* more) {
   BlendSplat s = load_blend_splat(visit.record);
   UBS_UNROLL for (int part = 0; part < kParts; ++part) {
     vreal open = pixels->open[part];
     vreal v_r = pixels->v_r[part], v_g = pixels->v_g[part], v_b = pixels->v_b[part];
     BlendAlpha a = blend_end(s, visit.alpha[part]);
     BlendStep step = blend_step(a, open);
-    vreal remaining = blend_remaining(s, step, pixels->remaining[part], v_r, v_g, v_b);
-    sums = blend_vjp(sums, s, a, step, open, remaining, v_r, v_g, v_b);
+    vreal shade = blend_shade(s, v_r, v_g, v_b);
+    if (UBS_ABSGRAD) shade += more[part];
+    vreal remaining = blend_remaining(step, pixels->remaining[part], shade);
+    sums = blend_vjp(sums, s, a, step, open, remaining, shade, v_r, v_g, v_b);
     pixels->open[part] = step.open;
     pixels->remaining[part] = remaining;
   }
@@ -462,11 +478,13 @@ UBS_FN Visit begin_next(const Walk* walk, const Gradients* pixels) {
 }
 
 // Computes the sums of the gradients for the slots of a tile. As in the forward pass, each visit starts before the
-// previous one is finished, even if the two visits are those of different splats. This saves 23 % of the time.
+// previous one is finished, even if the two visits are those of different splats. This saves 23 % of the time. With
+// UBS_ABSGRAD, there may be further channels, as in gpu/raster_backward.cl.
 __kernel __attribute__((reqd_work_group_size(1, 1, 1))) void raster_cpu_backward(
     __global const float* records, __global const uint* sorted_ids, __global const uint* sorted_slots,
     __global const uint* tile_ranges, int tiles_x, int tiles_y, int width, int height,
     __global const float* image, __global const float* v_image, __global const ushort* masks,
+    __global const float* more_colours, __global const float* v_more, int more_channels,
     UBS_SLOTS(__global float*) UBS_CORE_PARAMETERS) {
   Tile tile = find_tile(UBS_CORE_GROUP, tile_ranges, tiles_x, tiles_y, width, height);
   Walk walk;
@@ -478,7 +496,7 @@ __kernel __attribute__((reqd_work_group_size(1, 1, 1))) void raster_cpu_backward
   walk.last = tile.last;
   if (!next_entry(&walk, UBS_SLOT_ARGUMENTS)) return;
   Gradients blocks[kBlocks];
-  start_gradients(blocks, tile, image, v_image);
+  start_gradients(blocks, tile, image, v_image, v_more, more_channels);
   BlendSums sums = blend_no_sums();
   Gradients* pixels = next_block(&walk, blocks);
   Visit visit = begin_next(&walk, pixels);
@@ -488,7 +506,13 @@ __kernel __attribute__((reqd_work_group_size(1, 1, 1))) void raster_cpu_backward
     if (ends) more = next_entry(&walk, UBS_SLOT_ARGUMENTS);
     Gradients* next_pixels = next_block(&walk, blocks);
     Visit next = begin_next(&walk, next_pixels);
-    sums = add_visit(sums, pixels, visit);
+    vreal further[kParts] = {V(0.0)};
+    if (UBS_ABSGRAD) {
+      ulong splat = (ulong)(visit.record - records) / kSplatStride;
+      add_more_channels(further, more_colours + splat * (ulong)more_channels, more_channels,
+                        v_more + tile.plane + block_corner(tile, (int)(pixels - blocks)), tile);
+    }
+    sums = add_visit(sums, pixels, visit, further);
     if (ends) {
       vstore16(fold_sums(sums), UBS_SLOT_IN_PIECE(slot), UBS_SLOT_PIECE(slot));
       sums = blend_no_sums();

@@ -475,24 +475,32 @@ def within(errors: dict[str, float], **others: float) -> None:
         assert error <= bounds.get(name, 7.8e-6), f"the error of {name} is {error:.1e}, which exceeds its bound"
 
 
-@pytest.mark.parametrize("channels,chunk,fixed", [(1, 32, ()), (3, 32, ()), (3, 32, CAMERA), (5, 2, ())])
+@pytest.mark.parametrize(
+    "channels,chunk,fixed,mode",
+    [(1, 32, (), "RGB"), (3, 32, (), "RGB"), (3, 32, CAMERA, "RGB"), (5, 2, (), "RGB"), (5, 32, CAMERA, "RGB"),
+     (9, 4, (), "RGB"), (40, 32, (), "RGB"), (3, 32, CAMERA, "RGB+ED"), (3, 32, (), "RGB+D")],
+)
 @pytest.mark.parametrize("packed", [True, False])
 def test_absolute_gradients(
-    packed: bool, channels: int, chunk: int, fixed: tuple[str, ...], fused_calls: list[bool]
+    packed: bool, channels: int, chunk: int, fixed: tuple[str, ...], mode: str, fused_calls: list[bool]
 ) -> None:
     torch.manual_seed(5)
     s = {**scene(channels=channels), "backgrounds": torch.rand(2, channels)}
     mine = {k: v.clone().requires_grad_(k not in fixed) for k, v in s.items()}
-    arguments = {"width": WIDTH, "height": HEIGHT, "packed": packed}
+    arguments: Any = {"width": WIDTH, "height": HEIGHT, "packed": packed, "render_mode": mode}
     images, alphas, meta = rasterization(**mine, **arguments, absgrad=True, channel_chunk=chunk)
     assert float(meta["means2d"].absgrad.abs().max()) == 0
     plain = {k: v.clone().requires_grad_(k not in fixed) for k, v in s.items()}
     again = rasterization(**plain, **arguments)
-    assert len(fused_calls) == (2 if fixed else 0)
+    if fixed and images.shape[-1] > 3:
+        assert len(fused_calls) == 1  # PyTorch projects the Gaussians in the call with absgrad
+    else:
+        assert len(fused_calls) == (2 if fixed else 0)
     v, v_alpha = torch.randn(images.shape), torch.randn(alphas.shape)
     ((images * v).sum() + (alphas * v_alpha).sum()).backward()
     ((again[0] * v).sum() + (again[1] * v_alpha).sum()).backward()
-    assert all(torch.equal(mine[k].grad, plain[k].grad) for k in s if k not in fixed)
+    if len(fused_calls) != 1:  # both calls were computed in the same way
+        assert all(torch.equal(mine[k].grad, plain[k].grad) for k in s if k not in fixed)
     assert getattr(again[2]["means2d"], "absgrad", None) is None
     found = meta["means2d"].absgrad
     assert found.shape == meta["means2d"].shape
@@ -502,18 +510,20 @@ def test_absolute_gradients(
         found = dense
     for c in range(2):
         expected: Any = 0
-        for first in range(0, channels, chunk):
+        for first in range(0, images.shape[-1], chunk):
             exact = {k: t.double() for k, t in s.items()}
             exact["means"].requires_grad_()
             apart = torch.zeros(120, WIDTH * HEIGHT, 2, dtype=torch.float64, requires_grad=True)
-            image, alpha, _ = truth(exact, c, 0, apart=apart)
+            image, alpha, _ = truth(exact, c, 0, mode=mode, apart=apart)
             part = slice(first, first + chunk)
             loss = (image[..., part] * v[c, ..., part].double()).sum()
             (loss + (alpha * v_alpha[c, ..., 0].double()).sum() * (first == 0)).backward()
             expected = expected + apart.grad.abs().sum(1)
         error = norm_error(found[c], expected)
         print(f"absolute gradients, camera {c}: {error:.1e}")
-        assert error < 7.6e-7  # largest observed: 4.0e-7
+        # The largest observed error is 4.0e-7. With ED, it is 3.8e-6, because depths are divided by values of alpha down
+        # to 0.003, and terms cancel.
+        assert error < (7.6e-6 if mode == "RGB+ED" else 7.6e-7)
 
 
 @pytest.mark.parametrize("mode", ["RGB", "RGB+ED", "D"])
@@ -669,7 +679,7 @@ AUTOCAST: dict[str, dict[str, Any]] = {
     "harmonics": {"colors": (25, 3), "sh_degree": 4, "viewmats": True},
     "antialiased, on the device": {"rasterize_mode": "antialiased", "render_mode": "RGB+ED", "colors": (4,)},
     "antialiased": {"rasterize_mode": "antialiased", "render_mode": "RGB+ED", "colors": (4,), "viewmats": True},
-    "absgrad": {"absgrad": True, "channel_chunk": 2, "colors": (5,)},
+    "absgrad": {"absgrad": True, "channel_chunk": 4, "colors": (5,)},
 }
 
 
@@ -801,8 +811,6 @@ def test_harmonics() -> None:
 
 
 REFUSED: list[tuple[str, dict[str, Any]]] = [
-    ("absgrad=True with 4 channels", {"absgrad": True, "colors": torch.rand(30, 4, requires_grad=True)}),
-    ("absgrad", {"absgrad": True, "render_mode": "RGB+D", "viewmats": torch.eye(4).repeat(2, 1, 1).requires_grad_()}),
     ("extra_signals has the shape", {"extra_signals": torch.rand(31, 4)}),
     ("sparse_grad", {"sparse_grad": True, "packed": False}),
     ("distributed", {"distributed": True}),
@@ -1016,8 +1024,7 @@ def test_absgrad_without_recorded_gradients_takes_any_channels() -> None:
     learnt = {name: value.clone().requires_grad_() for name, value in s.items()}
     with torch.no_grad():
         assert torch.equal(rasterization(**learnt, **size, absgrad=True)[0], expected)
-    with pytest.raises(ubs.UsageError, match="channel_chunk of at most 3"):
-        rasterization(**learnt, **size, absgrad=True)
+    assert norm_error(rasterization(**learnt, **size, absgrad=True)[0], expected.double()) < 1e-6
 
 
 # The names that gsplat 1.5.3 exports
@@ -1098,10 +1105,12 @@ def test_devices_without_addresses_give_the_same(monkeypatch: pytest.MonkeyPatch
             calls.clear()
             torch.autograd.grad(image.sum() + (alpha.sum() if with_alpha else 0), s["colors"])
             assert calls.count("renderer_vjp") == 1 and calls.count("renderer_draw") == 0
-        images, alphas, _ = rasterization(**s, width=WIDTH, height=HEIGHT)
+        images, alphas, meta = rasterization(**s, width=WIDTH, height=HEIGHT, absgrad=True)
         weights = torch.linspace(-1, 1, images.numel()).reshape(images.shape)
         ((images * weights).sum() + alphas.sum()).backward()
-        return [images.detach(), alphas.detach(), *(value.grad for value in s.values())]
+        found = [images.detach(), alphas.detach(), meta["means2d"].absgrad]
+        assert float(found[-1].max()) > 0
+        return found + [value.grad for value in s.values()]
 
     expected = gradients()
 

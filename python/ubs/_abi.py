@@ -131,7 +131,16 @@ class Image(Struct):
 
 
 class ImageGradient(Struct):
-    _fields_ = [("size", c_size_t), ("rgb", c_void_p), ("alpha", c_void_p), ("depth", c_void_p)]
+    _fields_ = [
+        ("size", c_size_t),
+        ("rgb", c_void_p),
+        ("alpha", c_void_p),
+        ("depth", c_void_p),
+        ("more_channels", c_uint32),
+        ("more", c_void_p),
+        ("more_image", c_void_p),
+        ("more_colours", c_void_p),
+    ]
 
 
 class CameraGradient(Struct):

@@ -449,6 +449,7 @@ class Renderer(_abi.Handle):
         v_depth: npt.ArrayLike | DeviceArray | None = None,
         *,
         parameters: bool = True,
+        more: tuple[npt.ArrayLike, npt.ArrayLike, npt.ArrayLike] | None = None,
     ) -> list[dict[str, FloatArray]]:
         """Computes the vector-Jacobian product of rendering, as ubs.vjp() does. Returns a list with one dictionary per
         group. With `parameters=False` the list is empty, for callers that only need camera_gradient() or
@@ -457,7 +458,11 @@ class Renderer(_abi.Handle):
 
         If `camera` is None, this method differentiates the image of the last draw() or render() with for_gradient=True,
         or of the last vjp(camera), without rendering it again. In this case, it raises UsageError if the parameters
-        have been replaced or requested since that call, or if gradients of alpha or depth have been computed."""
+        have been replaced or requested since that call, or if gradients of alpha or depth have been computed.
+
+        more: further channels of the scene, for renderers with absgrad=True, whose sums have to know all channels: their
+        gradient (H, W, K), these channels of the image (H, W, K) without a background, and the values of the splats
+        (splats, K). The result contains no gradient with respect to these values."""
         into = self._gradients()
         if camera is None and self._kept_size == (0, 0):
             raise UsageError("there is no image to differentiate: render with for_gradient=True, or pass the camera")
@@ -473,6 +478,12 @@ class Renderer(_abi.Handle):
             elif values is not None:
                 given.append(floats(values, (*size, *channels), name))
                 setattr(v, name[2:], c_pointer(given[-1]))
+        if more is not None:
+            v.more_channels = np.shape(more[0])[-1]
+            rows = sum(len(group["xyz"]) for group in into._values())
+            for name, values, shape in zip(("more", "more_image", "more_colours"), more, (size, size, (rows,))):
+                given.append(floats(values, (*shape, v.more_channels), name))
+                setattr(v, name, c_pointer(given[-1]))
         with self._lock:
             self._take_size(*size)
             seen = None if camera is None else ctypes.byref(camera.to_c())

@@ -78,18 +78,22 @@ class Slot:
         wait(rgb, alpha)
         return rgb, alpha
 
-    def propagate(self, camera: Camera, v_rgb: Tensor | None, v_alpha: Tensor | None) -> list[dict[str, Any]]:
+    def propagate(
+        self, camera: Camera, v_rgb: Tensor | None, v_alpha: Tensor | None, more: tuple[Tensor, ...] | None = None
+    ) -> list[dict[str, Any]]:
         """Computes the gradients of the splats from those of the image. Leaves them on the device if the memory is
-        shared. Otherwise, returns those of the parameters as Renderer.vjp() does."""
+        shared. Otherwise, returns those of the parameters as Renderer.vjp() does. `more` is that of Renderer.vjp()."""
         if self.kept is not camera:
             self.renderer.draw(camera, for_gradient=True)
         self.kept = None
         copied: list[dict[str, Any]] = []
+        further: Any = None if more is None else [part.detach().cpu().numpy() for part in more]
         if self.shared:
-            self.renderer.vjp(None, *gradients_on_device(self.renderer, camera, v_rgb, v_alpha), parameters=False)
+            images: Any = gradients_on_device(self.renderer, camera, v_rgb, v_alpha)
+            self.renderer.vjp(None, *images, parameters=False, more=further)
         else:
             images = (None if v is None else v.contiguous().cpu().numpy() for v in (v_rgb, v_alpha))
-            copied = cast(Any, self.renderer.vjp(None, *images))
+            copied = cast(Any, self.renderer.vjp(None, *images, more=further))
         self.kept = camera if v_alpha is None else None
         return copied
 
@@ -162,9 +166,15 @@ class FlatSlot(Slot):
             self.renderer.update(self.model)
         self.holds = holder
 
-    def differentiate(self, camera: Camera, v_rgb: Tensor | None, v_alpha: Tensor | None) -> dict[str, Tensor]:
-        """Returns the gradients of each parameter for the used splats. They are valid until the next call."""
-        copied = self.propagate(camera, v_rgb, v_alpha)
+    def differentiate(
+        self, camera: Camera, v_rgb: Tensor | None, v_alpha: Tensor | None, more: tuple[Tensor, ...] | None = None
+    ) -> dict[str, Tensor]:
+        """Returns the gradients of each parameter for the used splats. They are valid until the next call. `more` is
+        that of Renderer.vjp(), with the values of the used splats."""
+        if more is not None:
+            rest = torch.zeros((self.room - len(more[2]), more[2].shape[1]))
+            more = (*more[:2], torch.cat([more[2].detach().cpu(), rest]))
+        copied = self.propagate(camera, v_rgb, v_alpha, more)
         if not self.shared:
             return {name: torch.from_numpy(values.T)[:, : self.used] for name, values in copied[0].items()}
         rows = self.array("gradient")[:, : self.used]
@@ -319,7 +329,7 @@ class AbsGrad:
     """Holds the sums over pixels of the absolute gradients of means2d, which backward() stores as `absgrad`."""
 
     def __init__(self, means2d: Tensor, first: int, chunk: int, background: Tensor | None) -> None:
-        """The sums of an image start at row `first` of means2d (..., 2). Each chunk of channels has separate sums,
+        """The sums of an image start at row `first` of means2d (..., 2). Each `chunk` of channels has separate sums,
         which are added. background (D,): the colour that the caller blends behind the image."""
         # The tensor refers to the autograd node that contains this object, so a strong reference would keep both alive
         # forever.
@@ -388,6 +398,8 @@ class Draw(torch.autograd.Function):
                 images.append(rgb)
         # PyTorch does not allow callers to change the image in place if it is a view.
         image = images[0] if len(images) == 1 else torch.cat(images, -1)
+        if ctx.absgrad is not None:
+            ctx.more = image[..., 3:channels].clone()  # the caller may change the image
         return image if image.shape[-1] == channels else image[..., :channels].clone(), alpha
 
     @staticmethod
@@ -418,9 +430,14 @@ class Draw(torch.autograd.Function):
                 slot = slot_for(slot.device, len(means2d), replace(slot.form, absgrad=True))
                 with slot.lock:
                     for first, v_part, v_weight in ctx.absgrad.chunks(v_image, v_alpha):
-                        values = {"rgb": _three(colors[:, : first + ctx.absgrad.chunk], first, depths)}
+                        last = min(first + ctx.absgrad.chunk, channels)
+                        values = {"rgb": _three(colors[:, :last], first, depths)}
                         slot.put((ctx.holder, first), {**rows.as_values(), **values} if first == 0 else values)
-                        v = slot.differentiate(ctx.camera, None if v_part is None else padded(v_part), v_weight)
+                        more = None
+                        if v_part is not None and last - first > 3:
+                            more = v_part[..., 3:], ctx.more[..., first : last - 3], colors[:, first + 3 : last]
+                        v_rgb = None if v_part is None else padded(v_part[..., :3])
+                        v = slot.differentiate(ctx.camera, v_rgb, v_weight, more)
                         sums = sums + rows.gradients({name: tensor.to(where) for name, tensor in v.items()})[0]
         if ctx.absgrad is not None:
             ctx.absgrad.put(sums)

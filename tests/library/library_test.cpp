@@ -471,6 +471,30 @@ TEST_CASE("the camera gradient of colours and depth agrees with central differen
   CHECK(all_values(old) == all_values(now));
 }
 
+TEST_CASE("further channels need absolute gradients and all of their arrays") {
+  ubs::Device device;
+  const ubs::Model model = small_model();
+  const ubs_camera camera = simple_camera();
+  constexpr std::size_t kPixels = std::size_t{24} * 16;
+  const std::vector<float> v_rgb(3 * kPixels, 1.0f), zeros(2 * kPixels), colours(std::size_t{2} * 40, 0.5f);
+  std::vector<float> damaged = colours;
+  damaged.back() = NAN;
+  const auto refused = [&](unsigned flags, const float* of_splats, const char* word) {
+    auto v = ubs::sized<ubs_image_gradient>();
+    v.rgb = v_rgb.data();
+    v.more_channels = 2;
+    v.more = v.more_image = zeros.data();
+    v.more_colours = of_splats;
+    const ubs::Renderer renderer(device, model, flags);
+    const ubs::Model gradient(model);
+    check_error(UBS_ERROR_USAGE, word,
+                [&] { ubs::check(ubs_renderer_vjp(renderer.get(), &camera, &v, gradient.get())); });
+  };
+  refused(UBS_RENDER_GRADIENTS, colours.data(), "requires UBS_RENDER_ABSGRAD");
+  refused(UBS_RENDER_GRADIENTS | UBS_RENDER_ABSGRAD, nullptr, "more_colours is NULL");
+  refused(UBS_RENDER_GRADIENTS | UBS_RENDER_ABSGRAD, damaged.data(), "v_image.more_colours");
+}
+
 TEST_CASE("creating and freeing objects leaves no memory allocated on the device") {
   ubs::Device device;
   const ubs::Model model = small_model();

@@ -59,9 +59,10 @@ std::vector<Splat> gradient(const std::vector<Splat>& splats) {
     const BlendSplat s = blend_splat(values);
     const BlendAlpha a = blend_alpha(s, values[0], values[1]);
     const BlendStep step = blend_step(a, open);
-    remaining = blend_remaining(s, step, remaining, kWeights[0], kWeights[1], kWeights[2]);
+    const double shade = blend_shade(s, kWeights[0], kWeights[1], kWeights[2]);
+    remaining = blend_remaining(step, remaining, shade);
     const BlendSums v =
-        blend_vjp(blend_no_sums(), s, a, step, open, remaining, kWeights[0], kWeights[1], kWeights[2]);
+        blend_vjp(blend_no_sums(), s, a, step, open, remaining, shade, kWeights[0], kWeights[1], kWeights[2]);
     const BlendFactors f = blend_factors(s);
     const Conic q = conic_gradient(s, f.square * v.hpp, f.square * v.hpq, f.square * v.hqq);
     out.push_back({f.xp * v.hp, f.yp * v.hp + f.yq * v.hq, q[0], 2 * q[1], q[2], v.opacity,

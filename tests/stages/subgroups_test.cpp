@@ -49,7 +49,8 @@ std::vector<float> backward_by(OpenclDevice& device, const RasterBackward& work,
   const std::size_t group = kTileSide * kTileSide;
   kernel({list_segments(work) * group}, {group}, work.records, work.sorted_ids, work.sorted_slots,
          work.tile_ranges, work.shape.tiles_x(), work.shape.tiles_y(), work.shape.width, work.shape.height,
-         work.image, work.v_image, work.masks, work.states, SlotViews{{slots.view()}, 1, 32});
+         work.image, work.v_image, work.masks, work.states, work.more_colours, work.v_more,
+         work.more_channels, SlotViews{{slots.view()}, 1, 32});
   return slots.download();
 }
 

@@ -432,12 +432,11 @@ def rasterization(
 
     Each pixel contributes to the gradient of means2d. With `absgrad`, backward() also stores the sums of the absolute
     values of these contributions in the attribute means2d.absgrad (AbsGS, Ye et al. 2024). As in gsplat, each chunk of
-    channel_chunk channels is summed separately. With more than 3 channels, channel_chunk must be at most 3, unless no
-    gradients are recorded. With `sparse_grad`, which requires `packed`, the gradients of means, quats, scales and
+    channel_chunk channels is summed separately. With `sparse_grad`, which requires `packed`, the gradients of means, quats, scales and
     covars are sparse tensors (COO) of the Gaussians that are in an image.
 
-    channel_chunk, segmented and tile_size determine how gsplat divides its work; they have no effect on pixels. The lists
-    of tiles have this tile_size.
+    segmented and tile_size determine how gsplat divides its work; they have no effect on pixels, and neither has
+    channel_chunk. The lists of tiles have this tile_size.
     `device`, which gsplat does not have, is the ubs device that renders: a number, "gpu", or a part of a name."""
     _refuse(
         distributed=distributed, with_ut=with_ut, with_eval3d=with_eval3d,
@@ -539,10 +538,7 @@ def rasterization(
     if "D" in render_mode:
         bands.append(depths[..., None])
     values = torch.cat(bands, -1) if len(bands) > 1 else bands[0]
-    chunk = min(channel_chunk, 3)  # number of channels per sum of absolute gradients
     if absgrad:
-        if recorded and values.shape[-1] > 3 and channel_chunk > 3:
-            raise UsageError(f"absgrad=True with {values.shape[-1]} channels requires channel_chunk of at most 3")
         means2d.absgrad = means2d.new_zeros(means2d.shape)
     grounds = _grounds(backgrounds, means, batch, cameras, values.shape[-1], extra, render_mode)
 
@@ -555,7 +551,7 @@ def rasterization(
     pictures = []
     for k in range(flat * cameras):
         ground = None if grounds is None else grounds[k]
-        sums = AbsGrad(means2d, sum(counts[:k]), chunk, ground) if absgrad else None
+        sums = AbsGrad(means2d, sum(counts[:k]), channel_chunk, ground) if absgrad else None
         pictures.append(draw(size, device, sums, *(part[k] for part in split)))
     shape = (*batch, cameras, height, width, values.shape[-1])
     colours, alphas = _blended(pictures, grounds, render_mode, means, shape)
