@@ -235,9 +235,12 @@ UBS_KERNEL UBS_WAVES UBS_GROUP(kItems) void raster_gpu_backward(
         BlendStep step = blend_step(a, open);
         float shade = blend_shade(s, v_r, v_g, v_b);
 #if UBS_ABSGRAD
-        for (int c = 0; c < more_channels; ++c)
-          shade += more_colours[(ulong)shared.ids[turn + k] * (ulong)more_channels + (ulong)c] *
-                   v_more[(ulong)(1 + c) * (ulong)pixel.plane + (ulong)pixel.index];
+        UBS_GLOBAL const float* colours = more_colours + (ulong)shared.ids[turn + k] * (ulong)more_channels;
+        UBS_GLOBAL const float* v_channel = v_more + pixel.index;
+#ifndef UBS_OPENCL
+        _Pragma("unroll 1")  // in CUDA, registers would be spilled otherwise
+#endif
+        for (int c = 0; c < more_channels; ++c) shade += colours[c] * *(v_channel += pixel.plane);
 #endif
         float left = blend_remaining(step, remaining, shade);
         BlendSums v = blend_vjp(blend_no_sums(), s, a, step, open, left, shade, v_r, v_g, v_b);
