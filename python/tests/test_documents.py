@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Runs the examples of docs/python.md, docs/gsplat.md and docs/library.md one after the other, with fewer
-iterations."""
+"""Runs the examples of docs/python.md, docs/gsplat.md and docs/library.md as they are printed."""
 
 from __future__ import annotations
 
@@ -13,18 +12,10 @@ from typing import Any
 import pytest
 
 ROOT = Path(__file__).parents[2]
-FEW = {
-    "iterations=7000": "iterations=20, init_points=300",
-    "steps, count = 2000, 5000": "steps, count = 60, 300",
-    "refine_start_iter=200": "refine_start_iter=20, refine_every=20",
-    '("iterations", 7000)': '("iterations", 20).set("init_points", 300)',
-}
 
 
 def examples(document: str, language: str) -> list[str]:
     text = (ROOT / "docs" / document).read_text()
-    for many, few in FEW.items():
-        text = text.replace(many, few)
     return re.findall(rf"```{language}\n(.*?)```", text, re.DOTALL)
 
 
@@ -35,8 +26,9 @@ def place(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path
     return tmp_path
 
 
-@pytest.mark.parametrize("package", ["numpy", "torch", "jax"])
+@pytest.mark.parametrize("package", ["torch", "jax"])
 def test_examples_of_python(place: Path, package: str) -> None:
+    """Runs the examples that need only NumPy, and then those of the package, which use their variables."""
     pytest.importorskip(package, reason=f"SKIPPED: {package} is not installed")
     names: dict[str, Any] = {}
     ran = []
@@ -46,7 +38,7 @@ def test_examples_of_python(place: Path, package: str) -> None:
             continue
         exec(compile(text, "docs/python.md", "exec"), names)
         ran += wants
-    assert ran == ["numpy", "numpy"] + ["torch"] * 3 * (package == "torch") + ["jax"] * (package == "jax")
+    assert ran == ["numpy", "numpy"] + (["torch"] * 3 if package == "torch" else ["jax"])
     assert (place / "model.ply").stat().st_size > 10000
 
 
@@ -56,7 +48,7 @@ def test_example_of_gsplat(place: Path, capsys: pytest.CaptureFixture[str]) -> N
     names: dict[str, Any] = {}
     exec(compile(text, "docs/gsplat.md", "exec"), names)
     assert "step 0: loss" in capsys.readouterr().out
-    assert len(names["params"]["means"]) != 300 and float(names["loss"]) < 0.5
+    assert len(names["params"]["means"]) != names["count"] and float(names["loss"].detach()) < 0.1
 
 
 def test_examples_of_c(place: Path) -> None:
