@@ -28,9 +28,9 @@ import torch
 MODES = {
     "plain": {}, "absgrad": {"absgrad": True}, "sparse_grad": {"sparse_grad": True}, "rgb": {"sh_degree": None},
     "antialiased": {"rasterize_mode": "antialiased"}, "depth": {"render_mode": "RGB+ED"}, "background": {},
-    "8 channels": {"sh_degree": None},
+    "8 channels": {"sh_degree": None}, "absgrad, depth": {"absgrad": True, "render_mode": "RGB+ED"},
 }
-CHANNELS = {"depth": 4, "8 channels": 8}  # in other modes, images have three channels
+CHANNELS = {"depth": 4, "8 channels": 8, "absgrad, depth": 4}  # in other modes, images have three channels
 # Number of timed views with tensors on a GPU. With tensors on the CPU, an eighth of them is timed. The cameras are used
 # in turn.
 VIEWS = 400

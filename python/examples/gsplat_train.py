@@ -85,9 +85,8 @@ def train(data: ubs.Dataset, strategy: str, steps: int, gaussians: int, most: in
     optimizers = {name: torch.optim.Adam([params[name]], lr=rate, eps=1e-15) for name, rate in rates.items()}
     falling = torch.optim.lr_scheduler.ExponentialLR(optimizers["means"], 0.01 ** (1 / steps))
     refine: dict[str, Any] = {"refine_start_iter": steps // 20, "refine_every": max(1, min(100, steps // 30))}
-    chosen: Any
     if strategy == "mcmc":
-        chosen = MCMCStrategy(cap_max=most, refine_stop_iter=steps * 5 // 6, **refine)
+        chosen: Any = MCMCStrategy(cap_max=most, refine_stop_iter=steps * 5 // 6, **refine)
         state = chosen.initialize_state()
     else:
         chosen = DefaultStrategy(refine_stop_iter=steps // 2, reset_every=steps // 5, **refine)

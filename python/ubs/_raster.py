@@ -66,7 +66,7 @@ class Slot:
 
     def draw(self, camera: Camera, where: torch.device, for_gradient: bool) -> tuple[Tensor, Tensor]:
         """Renders an image, and returns copies of the image (H, W, 3) and of its alpha (H, W)."""
-        if not self.shared:
+        if not self.shared or where.type == "cpu":
             image = self.renderer.render(camera, for_gradient=for_gradient)
             self.kept = camera if for_gradient else None
             return torch.from_numpy(image.rgb).to(where), torch.from_numpy(image.alpha).to(where)

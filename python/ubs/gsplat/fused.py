@@ -21,7 +21,7 @@ from .._data import Camera
 from .._device import Device, DeviceLike
 from .._errors import NumericalError, UsageError
 from .._model import Model, Renderer
-from .._raster import AbsGrad, Slot, first_order, is_finite, padded, slot_for, stacked, wait
+from .._raster import AbsGrad, Slot, extremes, first_order, is_finite, padded, slot_for, stacked, wait
 from .._settings import BOOLEANS
 
 LEAST_ALPHA = 1 / 255  # Gaussians with a lower opacity are not rendered
@@ -158,7 +158,7 @@ def supports(
     if isinstance(degree, BOOLEANS) or degree not in (None, 0, 1, 2, 3) or scales is None or len(viewmats) == 0:
         return False
     count = len(scales)
-    if count == 0 or not bool((scales > 0).all()):
+    if count == 0 or not extremes(scales)[0] > 0:
         return False
     if colors is not None:
         shape = tuple(colors.shape) if isinstance(colors, Tensor) else ()
@@ -372,5 +372,5 @@ def _radii(
         seen = (depths >= planes[0]) & (depths <= planes[1]) & (opacities >= LEAST_ALPHA)
         radii = torch.ceil(extents)
         for side, at, radius in zip(size, points.unbind(-1), radii.unbind(-1)):
-            seen = seen & ((at - side / 2).abs_() < radius + side / 2)
-        return radii.masked_fill_(~seen[..., None], 0).to(torch.int32)
+            seen &= (at - side / 2).abs_() < radius + side / 2
+        return radii.mul_(seen.float()[..., None]).to(torch.int32)
