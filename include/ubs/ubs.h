@@ -305,16 +305,17 @@ typedef struct ubs_image {
 
 typedef struct ubs_image_gradient {
   size_t size;
-  /* An array that is NULL stands for a gradient of 0. UBS_ARRAY_V_RGB, UBS_ARRAY_V_ALPHA and
+  /* If rgb, alpha or depth is NULL, this gradient is 0. UBS_ARRAY_V_RGB, UBS_ARRAY_V_ALPHA and
    * UBS_ARRAY_V_DEPTH of this renderer are passed by their addresses in device memory; all other arrays are
    * in host memory. Values in device memory are not checked. */
   const float* rgb;   /* (height, width, 3) */
   const float* alpha; /* (height, width) */
   const float* depth; /* (height, width); requires UBS_RENDER_DEPTH; ignored for pixels with alpha < 1e-6 */
   /* Further channels of images with more than three channels, which are rendered in several passes. With
-   * UBS_RENDER_ABSGRAD, the absolute value of a contribution is that of all channels together, so it has to
-   * know all of them. Requires UBS_RENDER_ABSGRAD, and depth = NULL. The gradients with respect to positions,
-   * shapes and opacities include those of these channels. */
+   * UBS_RENDER_ABSGRAD, a contribution is summed over all channels before its absolute value is taken, so
+   * ubs_renderer_vjp needs all channels. Requires UBS_RENDER_ABSGRAD, and depth = NULL. The gradients with
+   * respect to positions, shapes and opacities include those of these channels. If more_channels is not 0,
+   * none of the three arrays may be NULL. */
   uint32_t more_channels;
   const float* more;         /* (height, width, more_channels): gradient with respect to these channels */
   const float* more_image;   /* the same shape: the channels of the image, without a background */

@@ -116,7 +116,8 @@ def main(arguments: Optional[list[str]] = None) -> None:
     parser = argparse.ArgumentParser(description="Trains Gaussians with ubs.gsplat.")
     add = parser.add_argument
     add("data", nargs="?", help="folder of images and cameras; without it, a synthetic scene is used")
-    add("--strategy", choices=("default", "mcmc"), default="default", help="changes the number of Gaussians [default]")
+    add("--strategy", choices=("default", "mcmc"), default="default",
+        help="adds and removes Gaussians as in 3D Gaussian Splatting (default) or 3DGS-MCMC (mcmc) [default]")
     add("--steps", type=int, default=2000, help="number of training steps [2000]")
     add("--gaussians", type=int, default=2000, help="initial number of Gaussians if the data have no points [2000]")
     add("--cap-max", type=int, default=10000, help="maximum number of Gaussians with --strategy mcmc [10000]")

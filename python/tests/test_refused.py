@@ -142,7 +142,10 @@ def test_messages_speak_of_arguments(
     assert "weights" in str(error.value) and "--" not in str(error.value)
     renderer, camera = ubs.Renderer(ubs.Model.empty(6, 5), gradients=True), data.test[0].camera
     image = np.zeros((40, 40, 3))
+    more = image, image, np.zeros((5, 3))
     for part, call in (
+        ("more must contain three arrays", lambda: renderer.vjp(camera, image, more=more[:2])),
+        ("more requires absgrad=True, and no v_depth", lambda: renderer.vjp(camera, image, more=more)),
         ("there is no image to differentiate", lambda: renderer.vjp(None, image)),
         ("call vjp() or loss() first", renderer.camera_gradient),
         ("needs the size of the view", lambda: renderer.array("v_alpha")),

@@ -60,4 +60,5 @@ def in_python_terms(message: str) -> str:
     message = re.sub(r"\bUBS_RENDER_(\w+)", lambda found: f"{found[1].lower()}=True", message)
     message = re.sub(r"\bUBS_ARRAY_(\w+)", lambda found: f'array("{found[1].lower()}")', message)
     message = re.sub(r"\bubs_renderer_(\w+)", r"\1()", message)
+    message = re.sub(r"\bv_image\.more\w*", "more", message)
     return re.sub(r"\bv_image\.(rgb|alpha|depth)\b", r"v_\1", message)

@@ -460,9 +460,10 @@ class Renderer(_abi.Handle):
         or of the last vjp(camera), without rendering it again. In this case, it raises UsageError if the parameters
         have been replaced or requested since that call, or if gradients of alpha or depth have been computed.
 
-        more: further channels of the scene, for renderers with absgrad=True, whose sums have to know all channels: their
-        gradient (H, W, K), these channels of the image (H, W, K) without a background, and the values of the splats
-        (splats, K). The result contains no gradient with respect to these values."""
+        more: three arrays that describe further channels of the scene, for renderers with absgrad=True, which sum a
+        contribution over all channels before they take its absolute value: the gradient (H, W, K), these channels of
+        the image (H, W, K) without a background, and the values of the splats (splats, K). The result contains no
+        gradient with respect to these values."""
         into = self._gradients()
         if camera is None and self._kept_size == (0, 0):
             raise UsageError("there is no image to differentiate: render with for_gradient=True, or pass the camera")
@@ -479,6 +480,8 @@ class Renderer(_abi.Handle):
                 given.append(floats(values, (*size, *channels), name))
                 setattr(v, name[2:], c_pointer(given[-1]))
         if more is not None:
+            if len(more) != 3 or np.ndim(more[0]) != 3:
+                raise UsageError("more must contain three arrays, the first of them (H, W, channels)")
             v.more_channels = np.shape(more[0])[-1]
             rows = sum(len(group["xyz"]) for group in into._values())
             for name, values, shape in zip(("more", "more_image", "more_colours"), more, (size, size, (rows,))):

@@ -398,7 +398,7 @@ class Draw(torch.autograd.Function):
                 images.append(rgb)
         # PyTorch does not allow callers to change the image in place if it is a view.
         image = images[0] if len(images) == 1 else torch.cat(images, -1)
-        if ctx.absgrad is not None:
+        if ctx.absgrad is not None and recorded and ctx.absgrad.chunk > 3:
             ctx.more = image[..., 3:channels].clone()  # the caller may change the image
         return image if image.shape[-1] == channels else image[..., :channels].clone(), alpha
 

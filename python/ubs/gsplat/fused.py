@@ -373,4 +373,4 @@ def _radii(
         radii = torch.ceil(extents)
         for side, at, radius in zip(size, points.unbind(-1), radii.unbind(-1)):
             seen &= (at - side / 2).abs_() < radius + side / 2
-        return radii.mul_(seen.float()[..., None]).to(torch.int32)
+        return radii.masked_fill_(~seen[..., None], 0).to(torch.int32)

@@ -426,17 +426,17 @@ def rasterization(
     are the D colours, unless the mode is D or ED. They are followed by the depth, unless the mode is RGB. The
     dictionary has radii, depths, conics, opacities and means2d. After means2d.retain_grad(), backward() stores the
     gradient of means2d. With `packed`, batch_ids, camera_ids and gaussian_ids identify the Gaussian of each entry;
-    otherwise they are None. tiles_per_gauss, isect_ids, flatten_ids and isect_offsets are lists of tiles (isect_tiles()).
-    The lists, conics, and opacities with "antialiased" are computed when they are read. Read conics and opacities before
-    the arguments of this call are changed in place, for example by an optimiser.
+    otherwise they are None. tiles_per_gauss, isect_ids, flatten_ids and isect_offsets are those of isect_tiles() and
+    isect_offset_encode() for this tile_size. These lists, conics, and opacities with "antialiased" are computed when
+    they are read. Read conics and opacities before the arguments of this call are changed in place, for example by an
+    optimiser.
 
     Each pixel contributes to the gradient of means2d. With `absgrad`, backward() also stores the sums of the absolute
     values of these contributions in the attribute means2d.absgrad (AbsGS, Ye et al. 2024). As in gsplat, each chunk of
-    channel_chunk channels is summed separately. With `sparse_grad`, which requires `packed`, the gradients of means, quats, scales and
-    covars are sparse tensors (COO) of the Gaussians that are in an image.
+    channel_chunk channels is summed separately. With `sparse_grad`, which requires `packed`, the gradients of means,
+    quats, scales and covars are sparse tensors (COO) of the Gaussians that are in an image.
 
-    segmented and tile_size determine how gsplat divides its work; they have no effect on pixels, and neither has
-    channel_chunk. The lists of tiles have this tile_size.
+    channel_chunk, segmented and tile_size, which determine how gsplat divides its work, have no effect on pixels.
     `device`, which gsplat does not have, is the ubs device that renders: a number, "gpu", or a part of a name."""
     _refuse(
         distributed=distributed, with_ut=with_ut, with_eval3d=with_eval3d,

@@ -7,12 +7,13 @@ from __future__ import annotations
 
 import functools
 import math
-from typing import Optional
+from typing import Any, Optional
 
 import torch
 from torch import Tensor
 
-from .._errors import UsageError
+from .._errors import NumericalError, UsageError
+from .._raster import is_finite
 from .checks import shape_of, whole_number
 from .meta import Meta
 
@@ -20,6 +21,10 @@ from .meta import Meta
 def _tile_bits(tile_width: int, tile_height: int) -> int:
     """Returns the number of bits of isect_ids that contain the index of a tile. It is that of gsplat 1.5."""
     return (tile_width * tile_height).bit_length()
+
+
+def _count_of_images(value: Any) -> int:
+    return 0 if value == 0 else whole_number("n_images", value, 2**31)
 
 
 def isect_tiles(
@@ -48,31 +53,45 @@ def isect_tiles(
     tile, and in its lower 32 bits those of the depth as float32. With `sort`, the pairs are in the order of their ids,
     which is the order of depths within a tile."""
     shape = shape_of("means2d", means2d, 2)[:-1]
-    for name, tensor, wanted in (("radii", radii, (*shape, 2)), ("depths", depths, shape), ("means2d", means2d, (*shape, 2))):
-        if tuple(tensor.shape) != wanted:
+    if packed and len(shape) != 1:
+        raise UsageError(f"with packed=True, means2d must have the shape (nnz, 2), not {tuple(means2d.shape)}")
+    expected = {"means2d": (means2d, (*shape, 2)), "radii": (radii, (*shape, 2)), "depths": (depths, shape)}
+    if packed:
+        if image_ids is None or n_images is None:
+            raise UsageError("packed=True needs image_ids and n_images")
+        expected["image_ids"] = (image_ids, shape)
+    for name, (tensor, wanted) in expected.items():
+        if shape_of(name, tensor, 1) != wanted:
             raise UsageError(f"{name} has the shape {tuple(tensor.shape)}, not {wanted}")
+        if tensor.device != means2d.device:
+            raise UsageError(f"{name} is on {tensor.device}, but means2d is on {means2d.device}: move it there")
+        if tensor.is_floating_point() and not is_finite(tensor):
+            raise NumericalError(f"{name} contains values that are not finite")
     size = whole_number("tile_size", tile_size)
     across, down = whole_number("tile_width", tile_width), whole_number("tile_height", tile_height)
-    if packed and (image_ids is None or n_images is None):
-        raise UsageError("packed=True needs image_ids and n_images")
-    images = int(n_images or 0) if packed else math.prod(shape[:-1])
+    images = math.prod(shape[:-1])
+    if packed and image_ids is not None:
+        images = _count_of_images(n_images)
+        low, high = (int(image_ids.min()), int(image_ids.max())) if len(image_ids) > 0 else (0, -1)
+        if image_ids.is_floating_point() or low < 0 or high >= images:
+            raise UsageError(f"image_ids must be whole numbers from 0 to {images - 1} (n_images - 1)")
     bits = _tile_bits(across, down)
-    if images.bit_length() + bits > 32:
+    if images.bit_length() + bits > 31:
         raise UsageError(f"{images} images of {across} x {down} tiles are too many: reduce their number or their size")
 
     centres, half = means2d.detach().reshape(-1, 2) / size, radii.reshape(-1, 2) / size
     last = torch.tensor([across, down]).to(centres)
-    low, high = (torch.minimum(side, last).clamp_min(0) for side in (torch.floor(centres - half), torch.ceil(centres + half)))
+    sides = torch.floor(centres - half), torch.ceil(centres + half)
+    first, end = (torch.minimum(side, last).clamp_min(0) for side in sides)
     seen = (half > 0).all(-1, keepdim=True)
-    sides = torch.where(seen, high - low, torch.zeros_like(low)).long()
-    counts = sides.prod(-1)
+    spans = torch.where(seen, end - first, torch.zeros_like(first)).long()
+    counts = spans.prod(-1)
     which = torch.arange(len(counts), device=counts.device).repeat_interleave(counts)
     place = torch.arange(len(which), device=counts.device) - (counts.cumsum(0) - counts)[which]  # within the box
-    column = low[which, 0].long() + place % sides[which, 0]
-    row = low[which, 1].long() + torch.div(place, sides[which, 0], rounding_mode="floor")
-    if packed:
-        assert image_ids is not None
-        image = image_ids.reshape(-1).long()[which]
+    column = first[which, 0].long() + place % spans[which, 0]
+    row = first[which, 1].long() + torch.div(place, spans[which, 0], rounding_mode="floor")
+    if packed and image_ids is not None:
+        image = image_ids.long()[which]
     else:
         image = torch.div(which, max(shape[-1], 1), rounding_mode="floor")
     depth = depths.detach().reshape(-1).float().contiguous().view(torch.int32).long()[which] & 0xFFFFFFFF
@@ -85,17 +104,27 @@ def isect_tiles(
 
 def isect_offset_encode(isect_ids: Tensor, n_images: int, tile_width: int, tile_height: int) -> Tensor:
     """Returns, for each tile, the number of pairs of isect_tiles() that come before those of the tile
-    (n_images, tile_height, tile_width), int32. isect_ids are sorted ids."""
-    bits, tiles = _tile_bits(tile_width, tile_height), tile_width * tile_height
+    (n_images, tile_height, tile_width), int32. isect_ids are the sorted ids that isect_tiles() returned for this number
+    of images and tiles."""
+    across, down = whole_number("tile_width", tile_width), whole_number("tile_height", tile_height)
+    images = _count_of_images(n_images)
+    if len(shape_of("isect_ids", isect_ids, 1)) != 1 or isect_ids.dtype != torch.int64:
+        raise UsageError(f"isect_ids must be a tensor (n,) of int64, not {tuple(isect_ids.shape)} of {isect_ids.dtype}")
+    bits, tiles = _tile_bits(across, down), across * down
     of_pair = isect_ids >> 32
-    tile = (of_pair >> bits) * tiles + (of_pair & ((1 << bits) - 1))
-    each = torch.arange(n_images * tiles, device=isect_ids.device)
-    return torch.searchsorted(tile, each).int().reshape(n_images, tile_height, tile_width)
+    image, tile = of_pair >> bits, of_pair & ((1 << bits) - 1)
+    if len(isect_ids) > 0:
+        if bool((isect_ids[1:] < isect_ids[:-1]).any()):
+            raise UsageError("isect_ids are not sorted: call isect_tiles() with sort=True")
+        if int(isect_ids[0]) < 0 or int(image[-1]) >= images or int(tile.max()) >= tiles:
+            raise UsageError(f"isect_ids do not belong to {images} images of {across} x {down} tiles")
+    each = torch.arange(images * tiles, device=isect_ids.device)
+    return torch.searchsorted(image * tiles + tile, each).int().reshape(images, down, across)
 
 
 def add_lists(meta: Meta, batch: tuple[int, ...]) -> None:
-    """Adds the lists to the dictionary of rasterization(), which has the batch dimensions `batch`. They are computed when
-    they are read."""
+    """Adds the lists to the dictionary of rasterization(), which has the batch dimensions `batch`. They are computed
+    when they are read."""
     means2d, radii, depths, images = meta["means2d"].detach(), meta["radii"], meta["depths"].detach(), None
     size, across, down, cameras = (meta[name] for name in ("tile_size", "tile_width", "tile_height", "n_cameras"))
     if meta["camera_ids"] is not None:
