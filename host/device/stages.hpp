@@ -194,10 +194,11 @@ struct RasterBackward {
   BufferView<float> states;
   BufferView<float> v_image;  // (3, rows, pitch); 0 outside width x height
   SlotViews slots;            // out, one per intersection; slots whose mask is 0 may stay unwritten
-  // Only with KernelConfig::absgrad: the number of channels in addition to red, green and blue, and the values
-  // of the splats in these channels (splats, more_channels). v_more has the shape (1 + more_channels, rows,
-  // pitch). Its first plane is the sum of image * v over these channels, and the other planes are v, the
-  // gradients with respect to the channels of the image. There is no gradient with respect to more_colours.
+  // Only with KernelConfig::absgrad: the number of channels in addition to red, green and blue, and the
+  // values of the splats in these channels (splats, more_channels). v_more has the shape (1 + more_channels,
+  // rows, pitch). Its first plane is the sum of image * v over these channels, and the other planes are v,
+  // the gradients with respect to the channels of the image. There is no gradient with respect to
+  // more_colours.
   BufferView<float> more_colours = {}, v_more = {};
   int more_channels = 0;
 };
