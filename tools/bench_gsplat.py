@@ -96,9 +96,10 @@ def host_ms(draw):
 
 
 def library_ms(call):
-    """Returns the median time per call that is spent in the library of ubs, which waits for the device."""
+    """Returns a string with the median time per call that is spent in the library of ubs, which waits for the device,
+    and the median of the ratios of the whole time to this time."""
     from ubs import _abi
-    original, times = _abi.call, []
+    original, times, ratios = _abi.call, [], []
 
     def timed(*arguments):
         start = time.perf_counter()
@@ -108,9 +109,11 @@ def library_ms(call):
     _abi.call = timed
     for _ in range(VIEWS // 8):
         times.append(0)
+        start = time.perf_counter()
         call()
+        ratios.append((time.perf_counter() - start) * 1e3 / times[-1])
     _abi.call = original
-    return f"{np.median(times):.2f} ms"
+    return f"{np.median(times):.2f} ms (ratio {np.median(ratios):.2f})"
 
 
 def main():

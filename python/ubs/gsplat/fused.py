@@ -9,10 +9,12 @@ need no gradients. supports() and rasterization() test all conditions."""
 from __future__ import annotations
 
 import ctypes
+import functools
 import weakref
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Callable
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -23,6 +25,7 @@ from .._errors import NumericalError, UsageError
 from .._model import Model, Renderer
 from .._raster import AbsGrad, Slot, extremes, first_order, is_finite, padded, slot_for, stacked, wait
 from .._settings import BOOLEANS
+from .meta import Meta
 
 LEAST_ALPHA = 1 / 255  # Gaussians with a lower opacity are not rendered
 NOT_A_ROTATION = 2e-6  # a matrix R counts as a rotation if all entries of R R^T - I are below this value
@@ -172,11 +175,11 @@ def supports(
         return False
     if not (1e-6 <= planes[0] < planes[1] <= 1e30 and eps2d <= 100):
         return False
-    turns = viewmats[:, :3, :3].double()
-    apart = turns @ turns.transpose(1, 2) - torch.eye(3, dtype=torch.float64, device=turns.device)
-    rigid = bool((apart.abs() < NOT_A_ROTATION).all()) and bool((torch.linalg.det(turns) > 0).all())
-    last = viewmats.new_tensor([0, 0, 0, 1])
-    return rigid and bool((viewmats[:, 3] == last).all())
+    matrices = viewmats.detach().cpu().double().numpy()
+    turns = matrices[:, :3, :3]
+    apart = np.abs(turns @ turns.transpose(0, 2, 1) - np.eye(3))
+    rigid = (apart < NOT_A_ROTATION).all() and (np.linalg.det(turns) > 0).all()
+    return bool(rigid and (matrices[:, 3] == (0, 0, 0, 1)).all())
 
 
 def draw(
@@ -320,7 +323,7 @@ def _passes(
 
 def render(
     splats: Gaussians, values: Tensor | None, form: GaussianForm, viewmats: Tensor, ks: Tensor, size: tuple[int, int],
-    packed: bool, absgrad: bool, device: DeviceLike, meta: dict[str, Any],
+    packed: bool, absgrad: bool, device: DeviceLike, meta: Meta,
 ) -> list[tuple[Tensor, Tensor]] | None:
     """Returns the image (H, W, channels) and the alpha (H, W) of each camera, without background. The channels are the
     colours from the harmonics in splats.colors, unless form.degree is None, and `values` (cameras or 1, n, D), unless
@@ -339,16 +342,18 @@ def render(
     points, depths, extents, strength = (stacked(list(tensors)) for tensors in zip(*computed))
     points, depths, second = Project.apply(splats.means, viewmats, ks, planes, points, depths)
     opacities = splats.opacities.expand_as(depths)
-    radii = _radii(extents, points, depths, strength, size, planes)
-    ids: tuple[Tensor, ...] | None = torch.where((radii > 0).all(-1)) if packed else None
+    radii = _radii(extents, points.detach(), depths.detach(), strength, size, planes)
+    ids: tuple[Tensor, ...] | None = torch.where((radii() > 0).all(-1)) if packed else None
     counts, own = [len(splats.means)] * len(cameras), [None] * len(cameras)
     meta.update(batch_ids=None, camera_ids=None, gaussian_ids=None)
     if ids is not None:
-        points, depths, opacities, radii = (t[ids] for t in (points, depths, opacities, radii))
-        meta.update(batch_ids=torch.zeros_like(ids[0]), camera_ids=ids[0], gaussian_ids=ids[1])
+        points, depths, opacities = (t[ids] for t in (points, depths, opacities))
+        meta.update(batch_ids=torch.zeros_like(ids[0]), camera_ids=ids[0], gaussian_ids=ids[1], radii=radii()[ids])
         counts = torch.bincount(ids[0], minlength=len(cameras)).tolist()
         own = list(ids[1].split(counts))
-    meta.update(radii=radii, means2d=points, depths=depths, opacities=opacities)
+    else:
+        meta.compute_later("radii", radii, points, depths)
+    meta.update(means2d=points, depths=depths, opacities=opacities)
     parts = points.unbind() if ids is None else points.split(counts)
     if absgrad:
         points.absgrad = torch.zeros_like(points)
@@ -365,12 +370,17 @@ def render(
 def _radii(
     extents: Tensor, points: Tensor, depths: Tensor, opacities: Tensor, size: tuple[int, int],
     planes: tuple[float, float],
-) -> Tensor:
-    """Returns the radii (C, n, 2) of the ellipses in whole pixels. They are 0 for ellipses that are outside of the
-    image or of the planes, or whose opacity is below LEAST_ALPHA."""
-    with torch.no_grad():
-        seen = (depths >= planes[0]) & (depths <= planes[1]) & (opacities >= LEAST_ALPHA)
-        radii = torch.ceil(extents)
-        for side, at, radius in zip(size, points.unbind(-1), radii.unbind(-1)):
+) -> Callable[[], Tensor]:
+    """Returns a function that returns the radii (C, n, 2) of the ellipses in whole pixels. They are 0 for ellipses that
+    are outside of the image or of the planes, or whose opacity is below LEAST_ALPHA."""
+    opaque = opacities.detach() >= LEAST_ALPHA  # now, because the caller may change the opacities
+
+    @functools.cache
+    def radii() -> Tensor:
+        seen = opaque & (depths >= planes[0]) & (depths <= planes[1])
+        found = torch.ceil(extents)
+        for side, at, radius in zip(size, points.unbind(-1), found.unbind(-1)):
             seen &= (at - side / 2).abs_() < radius + side / 2
-        return radii.masked_fill_(~seen[..., None], 0).to(torch.int32)
+        return found.masked_fill_(~seen[..., None], 0).to(torch.int32)
+
+    return radii

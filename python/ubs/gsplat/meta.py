@@ -41,6 +41,13 @@ class Meta(dict):  # type: ignore[type-arg]
         super().pop(name, None)
         self.later[name] = checked
 
+    def reader(self, name: str) -> Callable[[], Tensor]:
+        """Returns a function that returns a value of this dictionary, and that does not keep the dictionary alive."""
+        if name in self.later:
+            return self.later[name]
+        value: Tensor = self[name]
+        return lambda: value
+
     def __missing__(self, key: str) -> Any:
         if key in self.later:
             self[key] = self.later[key]()

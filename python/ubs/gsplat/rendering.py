@@ -246,9 +246,10 @@ def _symmetric(covars: Tensor) -> Tensor:
 
 
 def _intrinsics(ks: Tensor) -> None:
-    if bool((ks[..., [0, 1, 2, 2], [1, 0, 0, 1]] != 0).any()) or bool((ks[..., 2, 2] != 1).any()):
+    values = ks.detach().cpu().numpy()
+    if (values[..., [0, 1, 2, 2], [1, 0, 0, 1]] != 0).any() or (values[..., 2, 2] != 1).any():
         raise UsageError("Ks must have the form [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]: skew is not supported")
-    if not bool((ks[..., [0, 1], [0, 1]] > 0).all()):
+    if not (values[..., [0, 1], [0, 1]] > 0).all():
         raise UsageError("Ks must have focal lengths above 0")
 
 

@@ -125,7 +125,7 @@ def isect_offset_encode(isect_ids: Tensor, n_images: int, tile_width: int, tile_
 def add_lists(meta: Meta, batch: tuple[int, ...]) -> None:
     """Adds the lists to the dictionary of rasterization(), which has the batch dimensions `batch`. They are computed
     when they are read."""
-    means2d, radii, depths, images = meta["means2d"].detach(), meta["radii"], meta["depths"].detach(), None
+    means2d, depths, radii, images = meta["means2d"].detach(), meta["depths"].detach(), meta.reader("radii"), None
     size, across, down, cameras = (meta[name] for name in ("tile_size", "tile_width", "tile_height", "n_cameras"))
     if meta["camera_ids"] is not None:
         images = meta["batch_ids"] * cameras + meta["camera_ids"]
@@ -133,13 +133,13 @@ def add_lists(meta: Meta, batch: tuple[int, ...]) -> None:
 
     @functools.cache
     def lists() -> dict[str, Tensor]:
-        given = (means2d, radii, depths, size, across, down)
+        given = (means2d, radii(), depths, size, across, down)
         found = isect_tiles(*given, packed=images is not None, n_images=count, image_ids=images)
         offsets = isect_offset_encode(found[1], count, across, down).reshape(*batch, cameras, down, across)
         return dict(zip(("tiles_per_gauss", "isect_ids", "flatten_ids", "isect_offsets"), (*found, offsets)))
 
     def list_of(name: str) -> None:
-        meta.compute_later(name, lambda: lists()[name], means2d, radii, depths)
+        meta.compute_later(name, lambda: lists()[name], means2d, depths)
 
     for name in ("tiles_per_gauss", "isect_ids", "flatten_ids", "isect_offsets"):
         list_of(name)
