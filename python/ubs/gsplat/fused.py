@@ -227,18 +227,21 @@ def positions(means: Tensor, viewmats: Tensor, ks: Tensor, planes: tuple[float, 
 class Project(torch.autograd.Function):
     """Connects the positions and depths that the device has computed with the means in the graph of PyTorch.
 
-    The inputs are: the means (n, 3), viewmats, ks, the planes, the positions (C, n, 2), and the depths (C, n). The
-    outputs are the positions, the depths, and the positions a second time. Render gets the positions twice, and returns
-    the gradient with respect to the first ones, for the caller of rasterization(), and the negative of it for the
-    second ones, because its gradient of the means includes the effect of the positions. So backward() only has to add
-    the effect of other functions of the positions and depths, which most callers do not have."""
+    The inputs are: the means (n, 3), viewmats, ks, the planes, the positions (C, n, 2), the depths (C, n), and None or
+    the indices (nnz,) of the chosen ones of the C n positions and depths. The outputs are the positions (C, n, 2) or
+    (nnz, 2), the depths, and the positions a second time. Render gets the positions twice, and returns the gradient
+    with respect to the first ones, for the caller of rasterization(), and the negative of it for the second ones,
+    because its gradient of the means includes the effect of the positions. So backward() only has to add the effect of
+    other functions of the positions and depths, which most callers do not have."""
 
     @staticmethod
     def forward(ctx: Any, *inputs: Any, **_: Any) -> tuple[Tensor, ...]:
-        means, viewmats, ks, planes, points, depths = inputs
+        means, viewmats, ks, planes, points, depths, chosen = inputs
         ctx.save_for_backward(means, viewmats, ks)
-        ctx.planes = planes
+        ctx.planes, ctx.chosen = planes, chosen
         ctx.set_materialize_grads(False)
+        if chosen is not None:
+            points, depths = points.flatten(0, 1).index_select(0, chosen), depths.flatten().index_select(0, chosen)
         return points, depths, points.new_zeros(1).expand_as(points)
 
     @staticmethod
@@ -256,16 +259,17 @@ class Project(torch.autograd.Function):
             with torch.enable_grad():
                 means = means.detach().requires_grad_()
                 points, depths = positions(means, viewmats, ks, ctx.planes)
+                if ctx.chosen is not None:
+                    points, depths = points.flatten(0, 1)[ctx.chosen], depths.flatten()[ctx.chosen]
             of = [(out, part) for out, part in ((points, v_points), (depths, v_depths)) if part is not None]
             (v_means,) = torch.autograd.grad([out for out, _ in of], means, [part for _, part in of])
-        return (v_means,) + (None,) * 5
+        return (v_means,) + (None,) * 6
 
 
 class Render(torch.autograd.Function):
     """Returns the image of a Drawn, which has already been rendered, with gradients. The inputs are: the Drawn, an
-    AbsGrad or None, the indices of the splats that means2d contains (None for all splats), means2d, the positions of
-    all splats, and the tensors of Gaussians. The outputs are the image and its alpha. Project describes the gradients
-    of the positions."""
+    AbsGrad or None, the indices of the splats that means2d contains (None for all splats), means2d twice, and the
+    tensors of Gaussians. The outputs are the image and its alpha. Project describes the gradients of the positions."""
 
     @staticmethod
     def forward(ctx: Any, *inputs: Any, **_: Any) -> tuple[Tensor, Tensor]:
@@ -285,16 +289,15 @@ class Render(torch.autograd.Function):
         slot: GaussianSlot = ctx.slot
         with slot.lock:
             v_all, found = slot.differentiate(ctx.splats, ctx.camera, v_rgb, v_alpha)
-        v_means2d = v_all = v_all.to(where)
+        v_means2d = v_all.to(where)
         if ctx.ids is not None:
-            v_means2d = v_all[ctx.ids]
-            v_all = torch.zeros_like(v_all).index_copy_(0, ctx.ids, v_means2d)
+            v_means2d = v_means2d.index_select(0, ctx.ids)
         if ctx.absgrad is not None:
             slot = slot_for(slot.device, len(v_all), replace(slot.form, absgrad=True))
             with slot.lock:
                 sums = slot.positions_gradient(ctx.splats, ctx.camera, v_rgb, v_alpha).to(where)
             ctx.absgrad.put(sums if ctx.ids is None else sums[ctx.ids])
-        return (None, None, None, v_means2d, -v_all, *(v.to(where) for v in found))
+        return (None, None, None, v_means2d, -v_means2d, *(v.to(where) for v in found))
 
 
 def _passes(
@@ -337,31 +340,36 @@ def render(
     passes = _passes(splats, values, form, cameras, device)
     if passes is None:
         return None
-    planes = form.planes
+    planes, count = form.planes, len(splats.means)
     computed = [images[0][0].projected for images in passes]
     points, depths, extents, strength = (stacked(list(tensors)) for tensors in zip(*computed))
-    points, depths, second = Project.apply(splats.means, viewmats, ks, planes, points, depths)
-    opacities = splats.opacities.expand_as(depths)
-    radii = _radii(extents, points.detach(), depths.detach(), strength, size, planes)
-    ids: tuple[Tensor, ...] | None = torch.where((radii() > 0).all(-1)) if packed else None
-    counts, own = [len(splats.means)] * len(cameras), [None] * len(cameras)
+    radii = _radii(extents, points, depths, strength, size, planes)
+    chosen: Tensor | None = None
+    counts, own = [count] * len(cameras), [None] * len(cameras)
     meta.update(batch_ids=None, camera_ids=None, gaussian_ids=None)
-    if ids is not None:
-        points, depths, opacities = (t[ids] for t in (points, depths, opacities))
-        meta.update(batch_ids=torch.zeros_like(ids[0]), camera_ids=ids[0], gaussian_ids=ids[1], radii=radii()[ids])
-        counts = torch.bincount(ids[0], minlength=len(cameras)).tolist()
-        own = list(ids[1].split(counts))
-    else:
+    if packed:
+        across, down = (radii() > 0).unbind(-1)
+        visible = across & down
+        chosen = visible.flatten().nonzero()[:, 0]
+        camera_ids = torch.div(chosen, count, rounding_mode="floor")
+        gaussian_ids = chosen - count * camera_ids
+        meta.update(batch_ids=torch.zeros_like(chosen), camera_ids=camera_ids, gaussian_ids=gaussian_ids)
+        meta.update(radii=radii().flatten(0, 1).index_select(0, chosen))
+        counts = visible.sum(-1).tolist()
+        own = list(gaussian_ids.split(counts))
+    points, depths, second = Project.apply(splats.means, viewmats, ks, planes, points, depths, chosen)
+    if chosen is None:
         meta.compute_later("radii", radii, points, depths)
+    opacities = splats.opacities.expand_as(depths) if chosen is None else splats.opacities.index_select(0, gaussian_ids)
     meta.update(means2d=points, depths=depths, opacities=opacities)
-    parts = points.unbind() if ids is None else points.split(counts)
+    parts, seconds = ((t.unbind() if chosen is None else t.split(counts)) for t in (points, second))
     if absgrad:
         points.absgrad = torch.zeros_like(points)
     channels = (0 if form.degree is None else 3) + (0 if values is None else values.shape[-1])
     found = []
     for k, images in enumerate(passes):
         sums = AbsGrad(points, sum(counts[:k]), 3, None) if absgrad else None
-        pictures = [Render.apply(image, sums, own[k], parts[k], second[k], *part.tensors()) for image, part in images]
+        pictures = [Render.apply(image, sums, own[k], parts[k], seconds[k], *part.tensors()) for image, part in images]
         rgb = pictures[0][0] if len(pictures) == 1 else torch.cat([picture for picture, _ in pictures], -1)
         found.append((rgb[..., :channels], pictures[0][1]))
     return found
