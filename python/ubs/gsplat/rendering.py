@@ -428,9 +428,9 @@ def rasterization(
     dictionary has radii, depths, conics, opacities and means2d. After means2d.retain_grad(), backward() stores the
     gradient of means2d. With `packed`, batch_ids, camera_ids and gaussian_ids identify the Gaussian of each entry;
     otherwise they are None. tiles_per_gauss, isect_ids, flatten_ids and isect_offsets are those of isect_tiles() and
-    isect_offset_encode() for this tile_size. These lists, conics, and opacities with "antialiased" are computed when
-    they are read. Read conics and opacities before the arguments of this call are changed in place, for example by an
-    optimiser.
+    isect_offset_encode() for this tile_size. These lists, radii without `packed`, conics, and opacities with
+    "antialiased" are computed when they are read. Read conics and opacities before the arguments of this call are
+    changed in place, for example by an optimiser.
 
     Each pixel contributes to the gradient of means2d. With `absgrad`, backward() also stores the sums of the absolute
     values of these contributions in the attribute means2d.absgrad (AbsGS, Ye et al. 2024). As in gsplat, each chunk of
