@@ -4,13 +4,11 @@
     python gsplat_train.py --strategy mcmc [DATA]
 
 DATA is a folder of any layout that ubs reads. Without DATA, the example creates a synthetic scene. The same training
-loop runs with gsplat on CUDA if the import of ubs.gsplat below is replaced by an import of gsplat. `ubs train` is
-faster and has more functions than this example."""
+loop runs with gsplat on CUDA if the import of ubs.gsplat below is replaced by an import of gsplat."""
 
 from __future__ import annotations
 
 import argparse
-import math
 from typing import Any, Optional
 
 import torch
@@ -19,43 +17,31 @@ from torch import Tensor
 import ubs
 from ubs.gsplat import DefaultStrategy, MCMCStrategy, rasterization
 
-Prepared = tuple[Tensor, Tensor, Tensor]  # viewmat (1, 4, 4), K (1, 3, 3) and image (H, W, 3) of a view
-
-# Learning rates of the parameters. train() multiplies the rate of the means by the size of the scene, and reduces it
-# during the training to a hundredth of its initial value.
+# Learning rates. That of the means is multiplied by the size of the scene, and falls to a hundredth of this value.
 RATES = {"means": 1.6e-4, "scales": 5e-3, "quats": 1e-3, "opacities": 5e-2, "sh0": 2.5e-3, "shN": 1.25e-4}
-
-
-def prepared(views: list[ubs.View]) -> list[Prepared]:
-    found = []
-    for view in views:
-        camera, viewmat = view.camera, torch.eye(4)
-        viewmat[:3] = torch.from_numpy(camera.world_to_camera)
-        k = torch.tensor([[camera.fx, 0, camera.cx], [0, camera.fy, camera.cy], [0, 0, 1]])
-        found.append((viewmat[None], k[None], torch.from_numpy(view.image).float() / 255))
-    return found
 
 
 def start(points: Tensor) -> dict[str, torch.nn.Parameter]:
     """Returns the parameters of grey Gaussians at these points (n, 3). The scale of each Gaussian is the root mean
     square of the distances to its three nearest neighbours."""
     nearest = [torch.cdist(part, points).topk(min(4, len(points)), largest=False)[0] for part in points.split(1024)]
-    size = torch.cat(nearest)[:, 1:].square().mean(-1).sqrt().clamp_min(1e-7)
+    size, n = torch.cat(nearest)[:, 1:].square().mean(-1).sqrt().clamp_min(1e-7), len(points)
     values = {
-        "means": points, "scales": size.log()[:, None].repeat(1, 3), "quats": torch.randn(len(points), 4),
-        "opacities": torch.logit(torch.full((len(points),), 0.3)),
-        "sh0": torch.zeros(len(points), 1, 3), "shN": torch.zeros(len(points), 15, 3),
+        "means": points, "scales": size.log()[:, None].repeat(1, 3), "quats": torch.randn(n, 4),
+        "opacities": torch.full((n,), 0.3).logit(), "sh0": torch.zeros(n, 1, 3), "shN": torch.zeros(n, 15, 3),
     }
     return {name: torch.nn.Parameter(value) for name, value in values.items()}
 
 
-def render(params: dict[str, Any], view: Prepared, degree: int = 3) -> tuple[Tensor, dict[str, Any]]:
-    """Returns the image (H, W, 3) of a view, and the dictionary that the strategies need."""
-    viewmat, k, (height, width, _) = *view[:2], view[2].shape
+def render(params: dict[str, Any], camera: ubs.Camera, degree: int = 3) -> tuple[Tensor, dict[str, Any]]:
+    """Returns the image (H, W, 3) that a camera sees, and the dictionary that the strategies need."""
+    viewmat = torch.eye(4)
+    viewmat[:3] = torch.from_numpy(camera.world_to_camera)
+    k = torch.tensor([[camera.fx, 0, camera.cx], [0, camera.fy, camera.cy], [0, 0, 1]])
     colors = torch.cat([params["sh0"], params["shN"]], 1)
     images, _, info = rasterization(
         params["means"], params["quats"], params["scales"].exp(), params["opacities"].sigmoid(), colors,
-        viewmat, k, width, height, sh_degree=degree, packed=False,
+        viewmat[None], k[None], camera.width, camera.height, sh_degree=degree, packed=False,
     )
     return images[0], info
 
@@ -68,16 +54,16 @@ def ssim(a: Tensor, b: Tensor) -> Tensor:
     mean_a, mean_b, aa, bb, ab = torch.nn.functional.conv2d(stacked, window, padding=5, groups=15)[0].split(3)
     c1, c2 = 0.01**2, 0.03**2
     alike = (2 * mean_a * mean_b + c1) * (2 * (ab - mean_a * mean_b) + c2)
-    value: Tensor = (alike / ((mean_a**2 + mean_b**2 + c1) * (aa - mean_a**2 + bb - mean_b**2 + c2))).mean()
-    return value
+    return torch.mean(alike / ((mean_a**2 + mean_b**2 + c1) * (aa - mean_a**2 + bb - mean_b**2 + c2)))
 
 
 def train(data: ubs.Dataset, strategy: str, steps: int, gaussians: int, most: int) -> dict[str, Any]:
     """Returns the trained parameters. The initial number of Gaussians is the number of points of the data, or
     `gaussians` if the data have no points. With "mcmc", the number grows to at most `most`."""
     torch.manual_seed(0)
-    views = prepared(data.train)
-    centres = torch.cat([torch.inverse(viewmat)[:, :3, 3] for viewmat, _, _ in views])
+    views = [(view.camera, torch.from_numpy(view.image).float() / 255) for view in data.train]
+    poses = torch.stack([torch.from_numpy(camera.world_to_camera) for camera, _ in views])
+    centres = -(poses[:, :, :3].mT @ poses[:, :, 3:])[..., 0]
     extent = 1.1 * float((centres - centres.mean(0)).norm(dim=-1).max())  # size of the scene
     points = ubs.Model.initial(data, dim=3, init_points=gaussians, unit=1).parameters["xyz"]
     params = start(torch.from_numpy(points.copy()))
@@ -93,9 +79,9 @@ def train(data: ubs.Dataset, strategy: str, steps: int, gaussians: int, most: in
         state = chosen.initialize_state(scene_scale=extent)
     chosen.check_sanity(params, optimizers)
     for step in range(steps):
-        view = views[int(torch.randint(len(views), ()))]
-        image, info = render(params, view, degree=min(3, step * 10 // steps))
-        loss = 0.8 * (image - view[2]).abs().mean() + 0.2 * (1 - ssim(image, view[2]))
+        camera, target = views[int(torch.randint(len(views), ()))]
+        image, info = render(params, camera, degree=min(3, step * 10 // steps))
+        loss = 0.8 * (image - target).abs().mean() + 0.2 * (1 - ssim(image, target))
         if strategy == "mcmc":
             # MCMC relocates transparent Gaussians. Without these penalties, only few Gaussians become transparent.
             loss = loss + 0.01 * params["opacities"].sigmoid().mean() + 0.01 * params["scales"].exp().mean()
@@ -124,11 +110,10 @@ def main(arguments: Optional[list[str]] = None) -> None:
     given = parser.parse_args(arguments)
     data = ubs.Dataset.open(given.data) if given.data else ubs.synth("glossy")
     params = train(data, given.strategy, given.steps, given.gaussians, given.cap_max)
-    test = prepared(data.test or data.train)
+    test = data.test or data.train
     with torch.no_grad():
-        errors = [float((render(params, view)[0].clamp(0, 1) - view[2]).square().mean()) for view in test]
-    psnr = sum(-10 * math.log10(error) for error in errors) / len(errors)
-    print(f"PSNR {psnr:.2f} dB over {len(test)} views with {len(params['means'])} Gaussians")
+        values = [ubs.metrics.psnr(render(params, view.camera)[0].numpy(), view.image) for view in test]
+    print(f"PSNR {sum(values) / len(values):.2f} dB over {len(test)} views with {len(params['means'])} Gaussians")
 
 
 if __name__ == "__main__":

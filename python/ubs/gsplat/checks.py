@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Checks of arguments. All functions raise UsageError with the name of the argument."""
+"""Checks of arguments. All functions raise UsageError with the name of the argument; values that are not finite raise
+NumericalError."""
 
 from __future__ import annotations
 

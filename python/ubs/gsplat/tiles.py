@@ -125,14 +125,13 @@ def isect_offset_encode(isect_ids: Tensor, n_images: int, tile_width: int, tile_
 def add_lists(meta: Meta, batch: tuple[int, ...]) -> None:
     """Adds the lists to the dictionary of rasterization(), which has the batch dimensions `batch`. They are computed
     when they are read."""
-    means2d, depths, radii, images = meta["means2d"].detach(), meta["depths"].detach(), meta.reader("radii"), None
+    means2d, depths, radii = meta["means2d"].detach(), meta["depths"].detach(), meta.reader("radii")
     size, across, down, cameras = (meta[name] for name in ("tile_size", "tile_width", "tile_height", "n_cameras"))
-    if meta["camera_ids"] is not None:
-        images = meta["batch_ids"] * cameras + meta["camera_ids"]
-    count = meta["n_batches"] * cameras
+    batch_ids, camera_ids, count = meta["batch_ids"], meta["camera_ids"], meta["n_batches"] * cameras
 
     @functools.cache
     def lists() -> dict[str, Tensor]:
+        images = None if camera_ids is None else batch_ids * cameras + camera_ids
         given = (means2d, radii(), depths, size, across, down)
         found = isect_tiles(*given, packed=images is not None, n_images=count, image_ids=images)
         offsets = isect_offset_encode(found[1], count, across, down).reshape(*batch, cameras, down, across)
