@@ -274,12 +274,12 @@ ReportViewer live_viewer(const ReportRun& run, const LoadedModel& loaded,
     page.cameras.push_back({.name = fmt::format("camera {}", i), .camera = cameras[i]});
   page.poster =
       web::poster_uri(web::draw_poster(device, *run.model, run.record.settings, cameras[page.start]));
-  const std::string note = fmt::format(
-      "<p class=\"note\">This is the model of {} in compressed form. PSNR against the original model: {:.1f} "
-      "dB.</p>\n",
-      escape_html(run.record.name), packed.psnr.mean);
-  return {web::viewer_markup(page, run.record.settings, packed.bytes, true) + note, web::viewer_style(),
-          web::viewer_script(), web::kViewerPolicy};
+  return {.markup = web::viewer_markup(page, run.record.settings, packed.bytes, true),
+          .style = web::viewer_style(),
+          .script = web::viewer_script(),
+          .policy = web::kViewerPolicy,
+          .run = run.record.name,
+          .psnr = packed.psnr.mean};
 }
 
 // If the model cannot be packed, returns no viewer and adds a remark; the rest of the page is still useful.

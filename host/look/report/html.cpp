@@ -86,12 +86,9 @@ std::string page_shell(const std::string& title, const std::vector<PageCode>& st
   const std::string rules =
       fmt::format("default-src 'none'; style-src{}; script-src{}; {}; base-uri 'none'; form-action 'none'",
                   policy_hashes(styles), policy_hashes(scripts), policy);
-  return fmt::format(
-      "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\" />\n"
-      "<meta http-equiv=\"Content-Security-Policy\" content=\"{}\" />\n"
-      "<meta name=\"viewport\" content=\"width=device-width, initial-scale=1\" />\n"
-      "<link rel=\"icon\" href=\"data:,\" />\n<title>{}</title>\n{}</head>\n<body>\n{}</body>\n</html>\n",
-      escape_html(rules), escape_html(title), style, body);
+  return fmt::format(fmt::runtime(document_html()), fmt::arg("policy", escape_html(rules)),
+                     fmt::arg("title", escape_html(title)), fmt::arg("styles", style),
+                     fmt::arg("body", body));
 }
 
 }  // namespace ubs

@@ -24,13 +24,15 @@ std::string script_json(const Json& json);
 // Returns the bytes in Base64 encoding.
 std::string base64(std::span<const std::uint8_t> bytes);
 
-inline constexpr const char* kNoScript = "<noscript>This page needs JavaScript.</noscript>\n";
-
 // PageCode is a style sheet or a script of a page. `text` must not contain "</"; `sha256` is its hash in
 // hexadecimal digits.
 struct PageCode {
   std::string text, sha256;
 };
+
+// Returns the embedded file document.html, the frame of all pages. It has places for the arguments of
+// page_shell(), such as {title}.
+std::string document_html();
 
 // Returns a document that does not use the network. page_shell() writes `styles` into the head. `body` must
 // contain `scripts`. The content security policy of the document contains the hashes of the styles and

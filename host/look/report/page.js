@@ -620,10 +620,16 @@
         (r) => (r < rows.length && rows[r].slice(1).some((cell) => cell !== rows[r][1]) ? 'differ' : ''))];
   };
 
-  // ---- The page. If the page contains the interactive viewer, its section is already in the document.
-  const main = document.querySelector('main');
-  const live = document.getElementById('viewer');
-  const links = live ? [['viewer', 'The model']] : [];
+  // ---- The page. The interactive viewer, if the document contains one, becomes the first section.
+  const main = element('main', {}), links = [];
+  document.body.append(main);
+  if (record.viewer) {
+    links.push(['viewer', 'The model']);
+    main.append(element(
+        'section', {id: 'viewer'}, element('h2', {}, 'The model'), document.getElementById('ubs-viewer'),
+        note(`This is the model of ${record.viewer.run} in compressed form. PSNR against the original model: `,
+             `${fixed(record.viewer.psnr ?? Infinity, 1)} dB.`)));
+  }
   for (const [id, title, content] of [
            ['summary', 'Summary', summary], ['curves', 'Training curves', curves], ['views', 'Views', views],
            ['decomposition', 'Decomposition', decomposition], ['times', 'Over time', times],

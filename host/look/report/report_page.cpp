@@ -207,13 +207,11 @@ Json histograms_json(const ReportRuns& runs) {
 
 std::string document(const Json& record, const Json& pictures, const ReportViewer& viewer) {
   std::vector<PageCode> styles{report_style()}, scripts{report_script()};
-  std::string main;
   if (!viewer.markup.empty()) {
     styles.push_back(viewer.style);
     scripts.push_back(viewer.script);
-    main = fmt::format("<section id=\"viewer\">\n<h2>The model</h2>\n{}</section>\n", viewer.markup);
   }
-  std::string body = fmt::format("{}<main>\n{}</main>\n", kNoScript, main);
+  std::string body = viewer.markup;
   for (const auto& [id, json] : {std::pair{"ubs-record", &record}, {"ubs-pictures", &pictures}})
     body += fmt::format("<script id=\"{}\" type=\"application/json\">{}</script>\n", id, script_json(*json));
   for (const PageCode& code : scripts) body += fmt::format("<script>{}</script>\n", code.text);
@@ -242,6 +240,7 @@ ReportPage make_report(const ReportRuns& runs, const std::string& made_by, const
                  {"decompositions", decompositions_json(runs, pictures)},
                  {"times", times_json(runs, pictures)},
                  {"histograms", histograms_json(runs)}};
+  if (!viewer.markup.empty()) page.record["viewer"] = {{"run", viewer.run}, {"psnr", viewer.psnr}};
   page.html = document(page.record, pictures.uris(), viewer);
   page.pictures = pictures.uris().size();
   for (const Json& uri : pictures.uris()) page.picture_bytes += uri.get_ref<const std::string&>().size();

@@ -17,10 +17,9 @@ std::string page_options(const Scene& scene, bool training, const std::string& p
 std::string live_page(const Scene& scene, bool training, const std::string& poster) {
   const PageCode script = page_script();
   return page_shell(scene.title, {web::viewer_style()}, {script}, "connect-src 'self'; img-src data:",
-                    kNoScript + page_markup() +
-                        fmt::format("<script id=\"ubs-options\" type=\"application/json\">{}"
-                                    "</script>\n<script>{}</script>\n",
-                                    page_options(scene, training, poster), script.text));
+                    page_markup() + fmt::format("<script id=\"ubs-options\" type=\"application/json\">{}"
+                                                "</script>\n<script>{}</script>\n",
+                                                page_options(scene, training, poster), script.text));
 }
 
 }  // namespace ubs::serve

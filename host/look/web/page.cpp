@@ -66,7 +66,7 @@ std::string viewer_markup(const ViewerPage& page, const TrainSettings& drawn,
 std::string web_page(const ViewerPage& page, const TrainSettings& drawn, std::span<const std::byte> model) {
   const PageCode script = viewer_script(), part = part_script();
   std::string body =
-      kNoScript + element_markup(page, drawn, false, "") + fmt::format("<script>{}</script>\n", script.text);
+      element_markup(page, drawn, false, "") + fmt::format("<script>{}</script>\n", script.text);
   // The model data follow the viewer, which shows each part as soon as the browser has received it.
   std::size_t begin = 0;
   for (const std::size_t end : page.parts.empty() ? std::vector{model.size()} : page.parts) {
