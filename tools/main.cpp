@@ -4,11 +4,6 @@
 
 namespace {
 
-constexpr const char* kExitCodes =
-    "Exit codes: 0 success, 1 internal error, 2 wrong usage, 3 unusable data or a result that cannot be\n"
-    "written, 4 device error, 5 kernels cannot be built, 6 out of memory, 7 values that are not finite,\n"
-    "10 a device computes wrong results, 130 interrupted (train and render keep the results so far).";
-
 using namespace ubs::tools;
 
 constexpr const char *kFirst = "First steps", *kLearn = "Learn", *kLook = "Look", *kConvert = "Convert",
@@ -41,7 +36,9 @@ constexpr CommandEntry kCommands[] = {
 
 int main(int argc, char** argv) {
   const Program program{
-      "ubs", "ubs: universal beta splatting. Trains and renders splat models of 3 to 11 dimensions.",
-      kExitCodes, kCommands};
+      "ubs",
+      "ubs: universal beta splatting. Trains and renders splat models of 3 to 11 dimensions.",
+      {{130, "interrupted (train and render keep the results so far)"}},
+      kCommands};
   return run_program(program, argc, argv);
 }

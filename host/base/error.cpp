@@ -10,25 +10,9 @@
 namespace ubs {
 
 int exit_code(ErrorKind kind) {
-  switch (kind) {
-    case ErrorKind::usage:
-      return 2;
-    case ErrorKind::data:
-      return 3;
-    case ErrorKind::device:
-      return 4;
-    case ErrorKind::build:
-      return 5;
-    case ErrorKind::memory:
-      return 6;
-    case ErrorKind::numerical:
-      return 7;
-    case ErrorKind::faulty:
-      return 10;
-    case ErrorKind::internal:
-      return 1;
-  }
-  return 1;
+  for (const ExitCode& row : kExitCodes)
+    if (row.kind == kind) return row.code;
+  return 1;  // never reached, because the table contains all kinds
 }
 
 Error as_error(const std::exception& exception) {

@@ -6,6 +6,7 @@
 
 #include <fmt/format.h>
 
+#include <array>
 #include <stdexcept>
 #include <string>
 #include <string_view>
@@ -13,17 +14,35 @@
 namespace ubs {
 
 enum class ErrorKind {
-  usage,      // wrong arguments or settings                              exit 2
-  data,       // unreadable, corrupt or inconsistent input file           exit 3
-  device,     // no such device, driver failure                           exit 4
-  build,      // kernel sources do not compile on this device             exit 5
-  memory,     // predicted or actual lack of memory                       exit 6
-  numerical,  // a value that is not finite                               exit 7
-  faulty,     // a device that computes wrong results (docs/check.md)     exit 10
-  internal,   // an error in ubs itself: please report it                 exit 1
+  usage,      // wrong arguments or settings
+  data,       // unreadable, corrupt or inconsistent input file
+  device,     // no such device, driver failure
+  build,      // kernel sources do not compile on this device
+  memory,     // predicted or actual lack of memory
+  numerical,  // a value that is not finite
+  faulty,     // a device that computes wrong results (docs/check.md)
+  internal,   // an error in ubs itself: please report it
 };
 
-// Returns the exit code of the command line tool for this kind of error.
+// ExitCode is an exit code of the programs for one kind of error. The library returns it as a status
+// (include/ubs/ubs.h), and the Python package has an exception class for it (python/ubs/_errors.py).
+struct ExitCode {
+  ErrorKind kind;
+  int code;
+  std::string_view meaning;  // for help texts
+};
+inline constexpr std::array<ExitCode, 8> kExitCodes{{
+    {ErrorKind::internal, 1, "internal error"},
+    {ErrorKind::usage, 2, "wrong usage"},
+    {ErrorKind::data, 3, "unusable data, or a result that cannot be written"},
+    {ErrorKind::device, 4, "device error"},
+    {ErrorKind::build, 5, "kernels cannot be built"},
+    {ErrorKind::memory, 6, "out of memory"},
+    {ErrorKind::numerical, 7, "values that are not finite"},
+    {ErrorKind::faulty, 10, "a device computes wrong results"},
+}};
+
+// Returns the exit code for this kind of error.
 int exit_code(ErrorKind kind);
 
 class Error : public std::runtime_error {

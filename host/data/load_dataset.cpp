@@ -271,14 +271,11 @@ namespace {
 
 // Layout describes a layout of data folders. A new layout needs a loader, a row in the table kLayouts, and a
 // section in docs/data.md.
-struct Layout {
-  std::string_view name;
-  std::string_view title;  // data sets and programs that use this layout, for messages and help texts
+struct Layout : LayoutText {
   // Returns the files in `path` by which this layout is recognised (for COLMAP, the folder of the model), or
   // nothing if `path` does not have this layout.
   std::vector<std::string> (*camera_files)(const fs::path& path);
   LoadedScene (*load)(const fs::path& path, const DatasetOptions& options);
-  std::string_view files;  // names of the files by which the layout is recognised, for messages
   // Options that the loader uses. open_undecoded() refuses the other options that refuse_unused() checks,
   // unless refuses_itself is true.
   std::string_view used;
@@ -297,40 +294,49 @@ std::vector<std::string> named_if(bool found, const fs::path& name) {
 
 // The layouts, in the order in which they are tried.
 constexpr Layout kLayouts[] = {
-    {"packed", "", [](const fs::path& path) { return named_if(is_packed(path), path); }, load_packed,
-     "a file of ubs pack", "", true},
-    {"blender", "Blender, D-NeRF",
+    {{"packed", "", "a file of ubs pack"},
+     [](const fs::path& path) { return named_if(is_packed(path), path); },
+     load_packed,
+     "",
+     true},
+    {{"blender", "Blender, D-NeRF", "transforms_train.json, transforms_val.json or transforms_test.json"},
      [](const fs::path& path) {
        std::vector<std::string> names;
        for (const char* split : kSplits)
          if (has_blender_split(path, split)) names.push_back(fmt::format("transforms_{}.json", split));
        return names;
      },
-     load_blender, "transforms_train.json, transforms_val.json or transforms_test.json", ""},
-    {"nerfstudio", "nerfstudio",
+     load_blender,
+     ""},
+    {{"nerfstudio", "nerfstudio", "transforms.json"},
      [](const fs::path& path) {
        if (is_regular(path)) return named_if(small_extension(path) == ".json", path);
        return named_if(path_exists(path / "transforms.json"), "transforms.json");
      },
-     load_nerfstudio, "transforms.json", "--test-every"},
-    {"colmap", "COLMAP",
+     load_nerfstudio,
+     "--test-every"},
+    {{"colmap", "COLMAP", "sparse/0/cameras.bin or cameras.txt"},
      [](const fs::path& path) {
        const fs::path model = find_colmap_model(path);
        return named_if(!model.empty(), model);
      },
-     load_colmap, "sparse/0/cameras.bin or cameras.txt", "--images --colmap-model --test-every"},
-    {"llff", "LLFF, N3V",
+     load_colmap,
+     "--images --colmap-model --test-every"},
+    {{"llff", "LLFF, N3V", "poses_bounds.npy"},
      [](const fs::path& path) {
        return named_if(path_exists(path / "poses_bounds.npy"), "poses_bounds.npy");
      },
-     load_llff, "poses_bounds.npy", "", true},
+     load_llff,
+     "",
+     true},
 };
 
 const Layout& layout_named(std::string_view name) {
   for (const Layout& layout : kLayouts)
     if (layout.name == name) return layout;
-  fail(ErrorKind::usage, "unknown layout '{}': choose one of auto, {}", name,
-       fmt::join(layout_names(), ", "));
+  std::vector<std::string_view> known{"auto"};
+  for (const Layout& layout : kLayouts) known.push_back(layout.name);
+  fail(ErrorKind::usage, "unknown layout '{}': choose one of {}", name, fmt::join(known, ", "));
 }
 
 // Returns whether the file is JSON and its top level has a non-empty array `frames` of objects.
@@ -471,10 +477,10 @@ void note_unusual_lenses(const std::vector<Split>& splits, LoadReport& report) {
 
 }  // namespace
 
-std::vector<std::string_view> layout_names() {
-  std::vector<std::string_view> names;
-  for (const Layout& layout : kLayouts) names.push_back(layout.name);
-  return names;
+std::vector<LayoutText> layout_texts() {
+  std::vector<LayoutText> texts;
+  for (const Layout& layout : kLayouts) texts.push_back(layout);
+  return texts;
 }
 
 std::string layout_titles() {

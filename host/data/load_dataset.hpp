@@ -71,8 +71,14 @@ std::string how_to_make_images(const std::filesystem::path& path);
 // commas. The text is empty if there are no such files.
 std::string camera_files_in(const std::filesystem::path& folder);
 
-// Returns the names of all layouts, which are the values of the setting `layout`, except auto.
-std::vector<std::string_view> layout_names();
+// LayoutText describes a layout in messages, help texts and docs/data.md.
+struct LayoutText {
+  std::string_view name;   // value of the setting `layout`
+  std::string_view title;  // data sets and programs that use this layout
+  std::string_view files;  // names of the files by which the layout is recognised
+};
+// Returns the texts of all layouts, in the order in which the layouts are tried.
+std::vector<LayoutText> layout_texts();
 // Returns the names of the data sets and programs whose folders can be read, for help texts.
 std::string layout_titles();
 // Returns the name of the layout of `path`. If no layout fits, throws an error whose message lists the files

@@ -171,7 +171,7 @@ TEST_CASE("report: the page of one run contains its data", "[cli]") {
   const TempFolder& folder = trained();
   ubs_ok(folder, "report still --device cpu");
   const Page page = read_page(folder / "still/report.html");
-  CHECK(page.html.ids() == std::set<std::string>{"viewer", "ubs-viewer", "ubs-options", "ubs-model",
+  CHECK(page.html.ids() == std::set<std::string>{"ubs-viewer", "ubs-options", "ubs-model",
                                                  "ubs-worker", "ubs-record", "ubs-pictures"});
   CHECK(counts(page) == std::map<std::string, std::size_t>{{"truth", 3},
                                                            {"render", 3},

@@ -7,7 +7,10 @@
 #include <algorithm>
 #include <cstdlib>
 #include <iostream>
+#include <map>
 #include <string>
+#include <string_view>
+#include <utility>
 #include <vector>
 
 #include "host/base/error.hpp"
@@ -23,17 +26,34 @@
 namespace ubs::tools {
 namespace {
 
-constexpr const char* kEnvironment =
-    "Environment: UBS_DEVICE (as --device), UBS_KERNEL_DIR (kernel sources from disk), UBS_SYNC=1 (wait\n"
-    "after every kernel and name the one that fails), UBS_TUNING=off (ignore values that `ubs-lab tune`\n"
-    "stored), UBS_TUNING_DIR (folder of these values), UBS_HUGE_PAGES=0 (use ordinary pages for buffers\n"
-    "of CPU devices),\n"
-    "UBS_KERNEL_CACHE (folder of compiled kernels, including PoCL's; off: do not store them),\n"
-    "UBS_RANK_PATIENCE (seconds that a rank of a job waits for the others: docs/cluster.md),\n"
-    "UBS_CHECK=off (also use devices that were not checked or failed the check: docs/check.md),\n"
-    "UBS_LPIPS_WEIGHTS (as --lpips-weights).";
+// Environment variables and their meanings. tests/docs/help_test.cpp tests that none is missing.
+constexpr std::pair<std::string_view, std::string_view> kVariables[] = {
+    {"UBS_DEVICE", "as --device"},
+    {"UBS_KERNEL_DIR", "kernel sources from disk"},
+    {"UBS_KERNEL_CACHE", "folder of compiled kernels, including PoCL's; off: do not store them"},
+    {"UBS_SYNC", "1: wait after every kernel, and name the one that fails"},
+    {"UBS_CHECK", "off: also use devices that were not checked or failed the check (docs/check.md)"},
+    {"UBS_TUNING", "off: ignore values that `ubs-lab tune` stored"},
+    {"UBS_TUNING_DIR", "folder of these values"},
+    {"UBS_HUGE_PAGES", "0: use ordinary pages for buffers of CPU devices"},
+    {"UBS_RANK_PATIENCE", "seconds that a rank of a job waits for the others (docs/cluster.md)"},
+    {"UBS_LPIPS_WEIGHTS", "as --lpips-weights"},
+};
 
 const Program* running = nullptr;  // set once by run_program()
+
+// Returns the exit codes of the program and the environment variables, with their meanings, one per line.
+std::string footer(const Program& program) {
+  std::map<int, std::string_view> codes = program.exit_codes;
+  codes.emplace(0, "success");
+  for (const ExitCode& row : kExitCodes) codes.emplace(row.code, row.meaning);
+  std::string text = "\nExit codes:\n";
+  for (const auto& [code, meaning] : codes) text += fmt::format("  {:<24}{}\n", code, meaning);
+  text += "\nEnvironment variables:\n";
+  for (const auto& [name, meaning] : kVariables) text += fmt::format("  {:<24}{}\n", name, meaning);
+  text.pop_back();
+  return text;
+}
 
 int report(std::string message, int code) {
   std::replace(message.begin(), message.end(), '\n', ' ');
@@ -74,7 +94,7 @@ int run(int argc, char** argv) {
   join();
   CLI::App root(running->description, running->name);
   root.set_version_flag("--version", version_line(running->name));
-  root.footer(fmt::format("\n{}\n{}", running->exit_codes, kEnvironment));
+  root.footer(footer(*running));
   root.require_subcommand(1);
   prepare_help(root);
   std::vector<Command> commands;

@@ -4,7 +4,9 @@
 #pragma once
 
 #include <functional>
+#include <map>
 #include <span>
+#include <string_view>
 
 namespace CLI {
 class App;
@@ -27,7 +29,7 @@ struct CommandEntry {
 
 struct Program {
   const char *name, *description;
-  const char* exit_codes;  // shown by --help-all, before the environment
+  std::map<int, std::string_view> exit_codes;  // those of this program in addition to 0 and kExitCodes
   std::span<const CommandEntry> commands;
 };
 

@@ -6,10 +6,6 @@
 
 namespace {
 
-constexpr const char* kExitCodes =
-    "Exit codes: those of ubs, and 8: slower than the baseline (bench); 9: a case failed (stress); 130:\n"
-    "interrupted (bench, accuracy and stress keep the results so far).";
-
 using namespace ubs::tools;
 
 constexpr const char *kMeasure = "Measure", *kDevices = "Devices";
@@ -31,7 +27,11 @@ constexpr CommandEntry kCommands[] = {
 
 int main(int argc, char** argv) {
   const Program program{
-      "ubs-lab", "ubs-lab: measures the errors and times of ubs, tests extreme cases, and compares devices.",
-      kExitCodes, kCommands};
+      "ubs-lab",
+      "ubs-lab: measures the errors and times of ubs, tests extreme cases, and compares devices.",
+      {{8, "slower than the baseline (bench)"},
+       {9, "a case failed (stress)"},
+       {130, "interrupted (bench, accuracy and stress keep the results so far)"}},
+      kCommands};
   return run_program(program, argc, argv);
 }
