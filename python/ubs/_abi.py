@@ -10,7 +10,7 @@ import logging
 import math
 import operator
 import os
-from ctypes import POINTER, c_char, c_char_p, c_double, c_float, c_int, c_int32, c_size_t, c_uint
+from ctypes import CFUNCTYPE, POINTER, c_char, c_char_p, c_double, c_float, c_int, c_int32, c_size_t, c_uint
 from ctypes import c_int64, c_uint32, c_uint64, c_void_p
 from pathlib import Path
 from typing import Any, Callable
@@ -43,6 +43,9 @@ class Struct(ctypes.Structure):
     def __init__(self, **values: Any) -> None:
         super().__init__(**values)
         self.size = ctypes.sizeof(self)
+
+
+# The declarations of the header, written by python/tests/test_abi.py
 
 
 class DeviceInfo(Struct):
@@ -78,6 +81,16 @@ class Camera(Struct):
     ]
 
 
+class View(Struct):
+    _fields_ = [
+        ("size", c_size_t),
+        ("camera", Camera),
+        ("has_image", c_int32),
+        ("has_mask", c_int32),
+        ("name", c_char * 256),
+    ]
+
+
 class Synthetic(Struct):
     _fields_ = [
         ("size", c_size_t),
@@ -90,16 +103,6 @@ class Synthetic(Struct):
         ("supersampling", c_int32),
         ("seed", c_uint64),
         ("overwrite", c_int32),
-    ]
-
-
-class View(Struct):
-    _fields_ = [
-        ("size", c_size_t),
-        ("camera", Camera),
-        ("has_image", c_int32),
-        ("has_mask", c_int32),
-        ("name", c_char * 256),
     ]
 
 
@@ -122,12 +125,18 @@ class Parameter(Struct):
         ("dim", c_uint32),
         ("rows", c_uint32),
         ("splats", c_uint64),
-        ("values", POINTER(c_float)),
+        ("values", c_void_p),
     ]
 
 
 class Image(Struct):
-    _fields_ = [("size", c_size_t), ("rgb", c_void_p), ("alpha", c_void_p), ("depth", c_void_p), ("for_gradient", c_int32)]
+    _fields_ = [
+        ("size", c_size_t),
+        ("rgb", c_void_p),
+        ("alpha", c_void_p),
+        ("depth", c_void_p),
+        ("for_gradient", c_int32),
+    ]
 
 
 class ImageGradient(Struct):
@@ -157,21 +166,13 @@ class CameraGradient(Struct):
     ]
 
 
-class Array(Struct):
+class Loss(Struct):
     _fields_ = [
         ("size", c_size_t),
-        ("values", c_void_p),
-        ("type", c_int32),
-        ("ordinal", c_int32),
-        ("dims", c_int32),
-        ("shape", c_int64 * 3),
-        ("strides", c_int64 * 3),
+        ("loss", c_double),
+        ("l1", c_double),
+        ("ssim", c_double),
     ]
-
-
-# The names of a renderer's arrays, in the order of the enumeration ubs_array_name
-ARRAYS = ("parameters", "rgb", "transmittance", "depth", "v_rgb", "gradient", "extents", "v_means2d", "means2d",
-          "depths", "opacities", "v_alpha", "v_depth")
 
 
 class Gaussians(Struct):
@@ -188,11 +189,25 @@ class Gaussians(Struct):
 
 
 class Falloff(Struct):
-    _fields_ = [("size", c_size_t), ("log2", c_char_p), ("r_slope", c_char_p), ("beta_slope", c_char_p), ("support", c_float)]
+    _fields_ = [
+        ("size", c_size_t),
+        ("log2", c_char_p),
+        ("r_slope", c_char_p),
+        ("beta_slope", c_char_p),
+        ("support", c_float),
+    ]
 
 
-class Loss(Struct):
-    _fields_ = [("size", c_size_t), ("loss", c_double), ("l1", c_double), ("ssim", c_double)]
+class Array(Struct):
+    _fields_ = [
+        ("size", c_size_t),
+        ("values", c_void_p),
+        ("type", c_int32),
+        ("ordinal", c_int32),
+        ("dims", c_int32),
+        ("shape", c_int64 * 3),
+        ("strides", c_int64 * 3),
+    ]
 
 
 class Step(Struct):
@@ -208,19 +223,103 @@ class Step(Struct):
     ]
 
 
-METRICS = ("psnr", "psnr_joint", "ssim", "ssim_valid", "lpips_alex", "lpips_squeeze", "lpips_vgg",
-           "lpips_alex_unit", "lpips_squeeze_unit", "lpips_vgg_unit")
-
-
 class Metrics(Struct):
-    _fields_ = [("size", c_size_t)] + [(name, c_double) for name in METRICS]
+    _fields_ = [
+        ("size", c_size_t),
+        ("psnr", c_double),
+        ("psnr_joint", c_double),
+        ("ssim", c_double),
+        ("ssim_valid", c_double),
+        ("lpips_alex", c_double),
+        ("lpips_squeeze", c_double),
+        ("lpips_vgg", c_double),
+        ("lpips_alex_unit", c_double),
+        ("lpips_squeeze_unit", c_double),
+        ("lpips_vgg_unit", c_double),
+    ]
 
 
-StepFunction = ctypes.CFUNCTYPE(c_int, c_void_p, POINTER(Step))
-LogFunction = ctypes.CFUNCTYPE(None, c_void_p, c_int, c_char_p)
+LogFunction = CFUNCTYPE(None, c_void_p, c_int, c_char_p)
+StepFunction = CFUNCTYPE(c_int, c_void_p, POINTER(Step))
+USE_DATA = 0
+USE_MODEL = 1
+USE_RENDERER = 2
+USE_TRAINER = 3
+RENDER_DEPTH = 1
+RENDER_GRADIENTS = 2
+RENDER_ABSGRAD = 4
+RENDER_GAUSSIANS = 8
+# The names of a renderer's arrays, in the order of their numbers
+ARRAYS = (
+    "parameters",
+    "rgb",
+    "transmittance",
+    "depth",
+    "v_rgb",
+    "gradient",
+    "extents",
+    "v_means2d",
+    "means2d",
+    "depths",
+    "opacities",
+    "v_alpha",
+    "v_depth",
+)
+# The kinds of handles, and the argument types of the functions, which return a status
+HANDLES = ("device", "settings", "data", "model", "renderer", "trainer", "meter")
+FUNCTIONS: dict[str, list[Any]] = {
+    "device_count": [POINTER(c_size_t)],
+    "device_describe": [c_size_t, POINTER(DeviceInfo)],
+    "device_open": [c_char_p, POINTER(c_void_p)],
+    "device_get_info": ["device", POINTER(DeviceInfo)],
+    "settings_create": [POINTER(c_void_p)],
+    "settings_copy": ["settings", POINTER(c_void_p)],
+    "settings_load": ["settings", c_char_p],
+    "settings_set": ["settings", c_char_p, c_char_p],
+    "settings_get": ["settings", c_char_p, c_char_p, c_size_t, POINTER(c_size_t)],
+    "settings_describe": [c_size_t, POINTER(c_char_p), POINTER(c_char_p)],
+    "settings_check": ["settings", c_int],
+    "data_open": [c_char_p, "settings", POINTER(c_void_p)],
+    "data_synthesise": [POINTER(Synthetic), c_char_p],
+    "data_create": [POINTER(c_void_p)],
+    "data_add_view": ["data", c_char_p, c_char_p, POINTER(Camera), c_void_p, c_void_p],
+    "data_set_points": ["data", c_size_t, c_void_p, c_void_p],
+    "data_view_count": ["data", c_char_p, POINTER(c_size_t)],
+    "data_get_view": ["data", c_char_p, c_size_t, POINTER(View)],
+    "data_get_image": ["data", c_char_p, c_size_t, c_void_p, c_void_p],
+    "model_create": ["settings", c_uint64, POINTER(c_void_p)],
+    "model_create_initial": ["data", "settings", POINTER(c_void_p)],
+    "model_copy": ["model", POINTER(c_void_p)],
+    "model_create_like": ["model", c_uint64, POINTER(c_void_p)],
+    "model_load": [c_char_p, POINTER(c_void_p)],
+    "model_save": ["model", c_char_p, c_char_p, c_double],
+    "model_get_info": ["model", POINTER(ModelInfo)],
+    "model_get_parameter": ["model", c_uint32, c_uint32, POINTER(Parameter)],
+    "model_get_settings": ["model", POINTER(c_void_p)],
+    "renderer_create": ["device", "model", "settings", c_uint, POINTER(c_void_p)],
+    "renderer_create_falloff": ["device", "model", "settings", c_uint, POINTER(Falloff), POINTER(c_void_p)],
+    "renderer_update": ["renderer", "model"],
+    "renderer_set_gaussians": ["renderer", POINTER(Gaussians)],
+    "renderer_get_gaussian_gradients": ["renderer", POINTER(Gaussians)],
+    "renderer_draw": ["renderer", POINTER(Camera), POINTER(Image)],
+    "renderer_vjp": ["renderer", POINTER(Camera), POINTER(ImageGradient), "model"],
+    "renderer_loss": ["renderer", POINTER(Camera), c_void_p, c_void_p, c_float, POINTER(Loss), "model"],
+    "renderer_camera_gradient": ["renderer", POINTER(CameraGradient)],
+    "renderer_get_array": ["renderer", c_int, c_uint32, POINTER(Array)],
+    "trainer_create": ["device", "data", "settings", "model", POINTER(c_void_p)],
+    "trainer_run": ["trainer", c_uint32, StepFunction, c_void_p],
+    "trainer_get_status": ["trainer", POINTER(Step)],
+    "trainer_get_model": ["trainer", POINTER(c_void_p)],
+    "trainer_set_model": ["trainer", "model", c_void_p],
+    "trainer_evaluate": ["trainer", POINTER(Metrics)],
+    "trainer_save": ["trainer", c_char_p],
+    "trainer_restore": ["trainer", c_char_p],
+    "meter_create": ["device", c_char_p, c_char_p, POINTER(c_void_p)],
+    "meter_compare": ["meter", c_int32, c_int32, c_void_p, c_void_p, POINTER(Metrics)],
+}
+# The end of the declarations
 
-RENDER_DEPTH, RENDER_GRADIENTS, RENDER_ABSGRAD, RENDER_GAUSSIANS = 1, 2, 4, 8
-USE_DATA, USE_MODEL, USE_RENDERER, USE_TRAINER = 0, 1, 2, 3
+METRICS = tuple(name for name, _ in Metrics._fields_[1:])
 
 
 def _of(kind: str) -> Any:
@@ -235,70 +334,19 @@ def _of(kind: str) -> Any:
     return type(kind, (), {"from_param": staticmethod(from_param)})
 
 
-_KINDS = ("device", "settings", "data", "model", "renderer", "trainer", "meter")
-_device, _settings, _data, _model, _renderer, _trainer, _meter = (_of(kind) for kind in _KINDS)
-_out = POINTER(c_void_p)
-# The argument types of the functions. Each function returns a status.
-_FUNCTIONS: dict[str, list[Any]] = {
-    "device_count": [POINTER(c_size_t)],
-    "device_describe": [c_size_t, POINTER(DeviceInfo)],
-    "device_open": [c_char_p, _out],
-    "device_get_info": [_device, POINTER(DeviceInfo)],
-    "settings_create": [_out],
-    "settings_load": [_settings, c_char_p],
-    "settings_set": [_settings, c_char_p, c_char_p],
-    "settings_check": [_settings, c_int],
-    "settings_describe": [c_size_t, POINTER(c_char_p), POINTER(c_char_p)],
-    "data_synthesise": [POINTER(Synthetic), c_char_p],
-    "data_open": [c_char_p, _settings, _out],
-    "data_create": [_out],
-    "data_add_view": [_data, c_char_p, c_char_p, POINTER(Camera), c_void_p, c_void_p],
-    "data_set_points": [_data, c_size_t, c_void_p, c_void_p],
-    "data_view_count": [_data, c_char_p, POINTER(c_size_t)],
-    "data_get_view": [_data, c_char_p, c_size_t, POINTER(View)],
-    "data_get_image": [_data, c_char_p, c_size_t, c_void_p, c_void_p],
-    "model_create": [_settings, c_uint64, _out],
-    "model_create_initial": [_data, _settings, _out],
-    "model_create_like": [_model, c_uint64, _out],
-    "model_copy": [_model, _out],
-    "model_load": [c_char_p, _out],
-    "model_save": [_model, c_char_p, c_char_p, c_double],
-    "model_get_info": [_model, POINTER(ModelInfo)],
-    "model_get_parameter": [_model, c_uint32, c_uint32, POINTER(Parameter)],
-    "model_get_settings": [_model, _out],
-    "renderer_create_falloff": [_device, _model, _settings, c_uint, POINTER(Falloff), _out],
-    "renderer_update": [_renderer, _model],
-    "renderer_set_gaussians": [_renderer, POINTER(Gaussians)],
-    "renderer_get_gaussian_gradients": [_renderer, POINTER(Gaussians)],
-    "renderer_draw": [_renderer, POINTER(Camera), POINTER(Image)],
-    "renderer_vjp": [_renderer, POINTER(Camera), POINTER(ImageGradient), _model],
-    "renderer_loss": [_renderer, POINTER(Camera), c_void_p, c_void_p, c_float, POINTER(Loss), _model],
-    "renderer_camera_gradient": [_renderer, POINTER(CameraGradient)],
-    "renderer_get_array": [_renderer, c_int, c_uint32, POINTER(Array)],
-    "trainer_create": [_device, _data, _settings, _model, _out],
-    "trainer_run": [_trainer, c_uint32, StepFunction, c_void_p],
-    "trainer_get_status": [_trainer, POINTER(Step)],
-    "trainer_get_model": [_trainer, _out],
-    "trainer_set_model": [_trainer, _model, c_void_p],
-    "trainer_evaluate": [_trainer, POINTER(Metrics)],
-    "trainer_save": [_trainer, c_char_p],
-    "trainer_restore": [_trainer, c_char_p],
-    "meter_create": [_device, c_char_p, c_char_p, _out],
-    "meter_compare": [_meter, c_int32, c_int32, c_void_p, c_void_p, POINTER(Metrics)],
-}
-
+_types = {kind: _of(kind) for kind in HANDLES}
 _library = _open()
 _library.ubs_version.restype = c_char_p
 _library.ubs_error_message.restype = c_char_p
 _library.ubs_set_log.argtypes = [LogFunction, c_void_p]
 _library.ubs_set_log.restype = None
 _functions: dict[str, Any] = {}
-for _name, _arguments in _FUNCTIONS.items():
+for _name, _arguments in FUNCTIONS.items():
     _functions[_name] = getattr(_library, "ubs_" + _name)
-    _functions[_name].argtypes = _arguments
+    _functions[_name].argtypes = [_types.get(argument, argument) for argument in _arguments]
     _functions[_name].restype = c_int
 _free: dict[str, Callable[[c_void_p], None]] = {}
-for _kind in _KINDS:
+for _kind in HANDLES:
     _free[_kind] = getattr(_library, f"ubs_{_kind}_free")
     _free[_kind].argtypes = [c_void_p]  # type: ignore[attr-defined]
     _free[_kind].restype = None  # type: ignore[attr-defined]
@@ -327,7 +375,7 @@ def integer(value: Any, what: str, least: float = -math.inf) -> int:
 def _check_integers(name: str, arguments: tuple[Any, ...]) -> None:
     """Raises UsageError for values that are not integers, and for integers that do not fit into the type of their
     argument. For the latter, ctypes would not raise an error, but pass only the lower bits."""
-    for kind, value in zip(_FUNCTIONS[name], arguments):
+    for kind, value in zip(FUNCTIONS[name], arguments):
         if kind in _LIMITS:
             low, end = _LIMITS[kind]
             if not low <= integer(value, f"ubs_{name}: an argument") < end:

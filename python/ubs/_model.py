@@ -197,8 +197,7 @@ class Model(_abi.Handle):
                 _abi.call("model_get_parameter", self, group, index, ctypes.byref(p))
                 if p.name is None:
                     break
-                address = ctypes.addressof(p.values.contents)
-                buffer = (ctypes.c_float * (p.rows * p.splats)).from_address(address)
+                buffer = (ctypes.c_float * (p.rows * p.splats)).from_address(p.values)
                 buffer._model = self  # keeps the memory alive
                 rows = np.frombuffer(buffer, np.float32).reshape(p.rows, p.splats)
                 found[-1][_abi.text(p.name)] = rows.T
