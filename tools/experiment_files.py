@@ -31,7 +31,7 @@ def read_json(path):
     try:
         value = json.loads(path.read_text(**UTF8))
     except (OSError, ValueError):
-        return {}
+        value = None
     return value if isinstance(value, dict) else {}
 
 
