@@ -1,8 +1,7 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""Tests tools/experiment.py. Usage: experiment_test.py UBS [NAME ...], where UBS is the path of ubs, and NAMEs select
-tests. Most tests use a script in place of `ubs`. The last tests really train a small scene."""
-import importlib.util
+"""Tests tools/experiment.py and its modules. Usage: experiment_test.py UBS [NAME ...], where UBS is the path of ubs,
+and NAMEs select tests. Most tests use a script in place of `ubs`. The last tests really train a small scene."""
 import json
 import os
 import pathlib
@@ -22,9 +21,9 @@ SCRIPT = ROOT / "tools" / "experiment.py"
 UBS = os.path.abspath(sys.argv.pop(1)) if len(sys.argv) > 1 else str(ROOT / "build" / "ubs")
 sys.dont_write_bytecode = True
 os.environ.pop("UBS_LPIPS_WEIGHTS", None)
-SPECIFICATION = importlib.util.spec_from_file_location("experiment", SCRIPT)
-experiment = importlib.util.module_from_spec(SPECIFICATION)
-SPECIFICATION.loader.exec_module(experiment)
+sys.path.insert(0, str(SCRIPT.parent))
+import experiment
+import experiment_files
 
 SET = """name: toys
 dataset:
@@ -131,7 +130,7 @@ class Case(unittest.TestCase):
         """Returns a dictionary from the names of the runs to the runs."""
         options = experiment.parse([str(self.folder / spec), "--root", str(self.folder / "root"), "--ubs", self.ubs,
                                     "--out", "out", *arguments])
-        return {run.id: run for run in experiment.make_plan(experiment.load_experiment(options.spec), options)}
+        return {run.id: run for run in experiment.make_plan(experiment_files.load_experiment(options.spec), options)}
 
 
 class DataSpecs(Case):
@@ -140,12 +139,12 @@ class DataSpecs(Case):
     def load(self, name):
         path = ROOT / "data_specs" / "experiments" / f"{name}.yaml"
         (self.folder / "root").mkdir(exist_ok=True)
-        return experiment.load_experiment(path), self.plan(spec=path)
+        return experiment_files.load_experiment(path), self.plan(spec=path)
 
     def test_every_file_loads_and_plans(self):
         sets = sorted((ROOT / "data_specs" / "sets").glob("*.yaml"))
         for path in sets:
-            self.assertEqual(experiment.read_yaml(path, experiment.DATA_SET)["name"], path.stem)
+            self.assertEqual(experiment_files.read_yaml(path, experiment_files.DATA_SET)["name"], path.stem)
         page = (ROOT / "docs" / "experiments.md").read_text()
         published, of_paper, paths = 0, 0, sorted((ROOT / "data_specs" / "experiments").glob("*.yaml"))
         for path in paths:
@@ -171,7 +170,7 @@ class DataSpecs(Case):
         # the paper does not average them consistently.
         averages = 0
         for name in ("main_table", "capacity", "n3v"):
-            spec = experiment.load_experiment(ROOT / "data_specs" / "experiments" / f"{name}.yaml")
+            spec = experiment_files.load_experiment(ROOT / "data_specs" / "experiments" / f"{name}.yaml")
             for row in spec["rows"]:
                 for found in spec["sets"]:
                     data = found["name"]
@@ -207,7 +206,7 @@ class BadFiles(Case):
         try:
             self.plan(spec="bad.yaml")
             return ""
-        except experiment.Failure as error:
+        except experiment_files.Failure as error:
             self.assertEqual(error.code, 3)
             return str(error)
 
@@ -240,7 +239,7 @@ class BadFiles(Case):
                  "bad.yaml: data set 'toys' has no scene 'cone'"),
                 ("name: e\ndata: [{set: set.yaml}, {set: set.yaml}]\nrows: [{name: a}]\n",
                  "bad.yaml: two data sets have the same name: toys, toys"),
-                ("name: e\nrows: [{name: a}]\n", "bad.yaml: the key 'data' is missing"),
+                ("name: e\nrows: [{name: a}]\n", "bad.yaml: the key 'data' is missing or empty"),
                 ("name: e\ndata: [{set: set.yaml}]\nrows: [{name: a, published: {toys: {cube: [1]}}}]\n",
                  "bad.yaml: row 'a': published: toys: cube: needs 0 values"),
                 ("", "bad.yaml: the key 'name' is missing"), ("- a\n", "bad.yaml: must be a mapping"),
@@ -267,7 +266,7 @@ class BadFiles(Case):
         self.assertIn("set.yaml: width: 'wide' is not allowed", message("width: 80", "width: wide"))
         self.assertIn("set.yaml: scenes: sphere: folders: must be a list", message("[ball, kugel]", "ball"))
         self.assertIn("settings: unknown key 'cap_mux'; did you mean", message("{cap_max: 2000}", "{cap_mux: 2000}"))
-        self.assertIn("has no scenes", message(SET[SET.index("scenes:"):], "scenes:\n"))
+        self.assertIn("the key 'scenes' is missing or empty", message(SET[SET.index("scenes:"):], "scenes:\n"))
 
     def test_nothing_in_a_file_leads_out_of_the_output_folder(self):
         spec = "name: e\ndata: [{set: set.yaml}]\nrows: [{name: r}]\n"
@@ -397,7 +396,7 @@ class Run(Case):
         self.assertEqual(self.starts(), 3)
         metrics = self.results("cube") / "metrics.json"
         whole = metrics.read_text()
-        for damaged in (whole[:50], whole.replace('"interrupted": false', '"interrupted": true'),
+        for damaged in (whole[:50], "[]", whole.replace('"interrupted": false', '"interrupted": true'),
                         whole.replace('"ended_early": null', '"ended_early": {"iteration": 300}')):
             self.assertNotEqual(damaged, whole)
             metrics.write_text(damaged)
@@ -422,9 +421,9 @@ class Run(Case):
 
     def test_a_file_is_replaced_as_a_whole_or_not_at_all(self):
         path = self.folder / "table.md"
-        experiment.write(path, "old")
+        experiment_files.write(path, "old")
         with unittest.mock.patch("pathlib.Path.replace", side_effect=OSError("disk full")), self.assertRaises(OSError):
-            experiment.write(path, "new")
+            experiment_files.write(path, "new")
         self.assertEqual(path.read_text(), "old")
 
     def test_lpips_is_also_measured_for_runs_that_finished_without_it(self):
