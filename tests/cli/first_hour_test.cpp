@@ -115,6 +115,11 @@ TEST_CASE("a run stores its data folder and the settings for reading it") {
   INFO(besides.err);
   REQUIRE(besides.code == 0);
   CHECK(psnr(besides.out) == trained);
+  const Result inside = test::run_command(
+      folder, fmt::format("(cd sets/run && '{}' eval model.ply --fps-views 0 --json)", UBS_EXECUTABLE));
+  INFO(inside.err);
+  REQUIRE(inside.code == 0);
+  CHECK(psnr(inside.out) == trained);
   // Three errors are tested: a model without its run, a run whose data folder does not exist, and, at the end
   // of this test, a run whose data were replaced by different data.
   fs::copy(folder / "sets/run/model.ply", folder / "alone.ply");
