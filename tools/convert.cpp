@@ -238,8 +238,9 @@ void find_cameras(ConvertOptions& options, const LoadedModel& loaded) {
   if (!options.data.empty() || !loses_in_closed_form(loaded.model)) return;
   try {
     options.run = use_run_data(options.from, options.camera_data);
-  } catch (const Error& error) {
-    if (error.kind() != ErrorKind::usage && error.kind() != ErrorKind::data) throw;
+  } catch (const std::exception& exception) {
+    const ErrorKind kind = as_error(exception).kind();
+    if (kind != ErrorKind::usage && kind != ErrorKind::data) throw;
     if (options.fit_requested() && loaded.notes.cameras.empty()) throw;
   }
 }
