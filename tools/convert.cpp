@@ -517,7 +517,7 @@ int run(ConvertOptions& options) {
   json["to"] = format.name;
   json["bytes"] = std::size_t{0};
   for (const fs::path& file : files_of(options, format))
-    json["bytes"] = json["bytes"].get<std::size_t>() + file_bytes(file);
+    json["bytes"] = json["bytes"].get<std::size_t>() + fs::file_size(file);
   report(options, format, json);
   return 0;
 }

@@ -761,6 +761,10 @@ TEST_CASE("devices --doctor prints a page about the devices that contains a verd
   CHECK(doctor["well"] == true);
   CHECK(doctor["devices"][0]["check"]["right"] == true);
   CHECK_THAT(doctor["problems"].dump(), Contains("results of ubs-lab tune"));
+  const Result homeless = test::run_command(
+      folder, fmt::format("TMPDIR=$PWD/none '{}' devices --doctor --json --device cpu", UBS_EXECUTABLE));
+  INFO(homeless.err);
+  CHECK_THAT(json::parse(homeless.out)["problems"].dump(), Contains("set TMPDIR to a writable folder"));
 }
 
 }  // namespace
