@@ -49,7 +49,7 @@ Places places_of(const std::string& given) {
     fail(ErrorKind::data, "{}: {}", given, hint.empty() ? "no such folder" : hint);
   }
   Places p;
-  const fs::path folder = absolute_path(given).lexically_normal();
+  const fs::path folder = fs::absolute(given).lexically_normal();
   p.data = folder.has_filename() ? folder : folder.parent_path();
   p.images = p.data;
   p.pictures = pictures_in(p.images);
@@ -202,7 +202,7 @@ void run_step(const Step& step, const fs::path& colmap, const Places& places, bo
 std::string pictures_text(const CamerasOptions& options, const Places& places) {
   std::string text = options.lens + "\n";
   for (const fs::path& file : places.pictures)
-    text += fmt::format("{} {}\n", file.filename().string(), file_bytes(file));
+    text += fmt::format("{} {}\n", file.filename().string(), fs::file_size(file));
   return text;
 }
 
@@ -222,7 +222,7 @@ void prepare_work(const CamerasOptions& options, const Places& places, const std
       fail(ErrorKind::usage,
            "{}: ubs did not create this file and does not overwrite it: move the folder {} elsewhere",
            file.string(), places.work.string());
-  for (const fs::path& file : stale) remove_path(file);
+  for (const fs::path& file : stale) fs::remove(file);
   write_file_atomically(print, pictures_text(options, places));
   std::string names;
   for (const fs::path& file : places.pictures) names += file.filename().string() + "\n";
@@ -297,7 +297,7 @@ int run(const CamerasOptions& options) {
   const InterruptGuard guard;
   for (const Step& step : steps) {
     if (step.name == "cameras") {
-      remove_tree(places.mapping);
+      fs::remove_all(places.mapping);
       make_folders(places.mapping);
     }
     run_step(step, colmap, places, options.quiet, guard);
@@ -307,15 +307,14 @@ int run(const CamerasOptions& options) {
     }
   }
   const ColmapModel model = keep_best(places);
-  remove_tree(places.mapping);
+  fs::remove_all(places.mapping);
   if (model.images.size() < places.pictures.size())
     warn("{} of {} images have a camera; the others are not used", model.images.size(),
          places.pictures.size());
   if (!options.quiet)
     say("cameras  {} of {} images, {} points, in {}\nnext     ubs train {}\n", model.images.size(),
         places.pictures.size(), model.points.positions.size(), places.model.string(),
-        shell_word(
-            places.data.lexically_proximate(absolute_path("x").lexically_normal().parent_path()).string()));
+        shell_word(places.data.lexically_proximate(fs::current_path()).string()));
   return 0;
 }
 

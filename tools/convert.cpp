@@ -238,8 +238,9 @@ void find_cameras(ConvertOptions& options, const LoadedModel& loaded) {
   if (!options.data.empty() || !loses_in_closed_form(loaded.model)) return;
   try {
     options.run = use_run_data(options.from, options.camera_data);
-  } catch (const Error& error) {
-    if (error.kind() != ErrorKind::usage && error.kind() != ErrorKind::data) throw;
+  } catch (const std::exception& exception) {
+    const ErrorKind kind = as_error(exception).kind();
+    if (kind != ErrorKind::usage && kind != ErrorKind::data) throw;
     if (options.fit_requested() && loaded.notes.cameras.empty()) throw;
   }
 }
@@ -516,7 +517,7 @@ int run(ConvertOptions& options) {
   json["to"] = format.name;
   json["bytes"] = std::size_t{0};
   for (const fs::path& file : files_of(options, format))
-    json["bytes"] = json["bytes"].get<std::size_t>() + file_bytes(file);
+    json["bytes"] = json["bytes"].get<std::size_t>() + fs::file_size(file);
   report(options, format, json);
   return 0;
 }

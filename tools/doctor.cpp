@@ -6,6 +6,7 @@
 
 #include <algorithm>
 #include <cstdlib>
+#include <filesystem>
 #include <fstream>
 #include <memory>
 #include <thread>
@@ -13,7 +14,6 @@
 #include "host/base/cache_folder.hpp"
 #include "host/base/error.hpp"
 #include "host/base/memory_limit.hpp"
-#include "host/base/paths.hpp"
 #include "host/base/stopwatch.hpp"
 #include "host/base/text.hpp"
 #include "host/check/conformance.hpp"
@@ -131,7 +131,8 @@ class Doctor {
            "kernels are compiled again at every start: set UBS_KERNEL_CACHE to a writable folder");
     folder("results of ubs-lab tune", cache_folder("UBS_TUNING_DIR"),
            "set UBS_TUNING_DIR to a writable folder");
-    folder("temporary files", temporary_folder(), "set TMPDIR to a writable folder");
+    std::error_code error;  // if there is no such folder, the path is empty, which folder() reports
+    folder("temporary files", fs::temp_directory_path(error), "set TMPDIR to a writable folder");
   }
 
   void examine(const DeviceInfo& info, std::size_t index) {

@@ -2,13 +2,13 @@
 // ubs eval: measures the image quality of a model on the views of a split.
 #include <CLI/CLI.hpp>
 #include <algorithm>
+#include <filesystem>
 #include <memory>
 
 #include "host/api/open_data.hpp"
 #include "host/api/proved_device.hpp"
 #include "host/api/run_cameras.hpp"
 #include "host/base/file.hpp"
-#include "host/base/paths.hpp"
 #include "host/base/stopwatch.hpp"
 #include "host/pipeline/frame_rate.hpp"
 #include "host/train/evaluate.hpp"
@@ -108,7 +108,7 @@ int run(EvalOptions& options) {
             {"groups", groups_json(model)},
             {"seconds", seconds},
             {"device", device_json(session.device().info())}};
-  const std::uintmax_t storage = file_bytes(options.model);
+  const std::uintmax_t storage = std::filesystem::file_size(options.model);
   json["storage_bytes"] = storage;
   json["render_peak_device_bytes"] = render_bytes;
   if (options.lpips.wanted()) json["lpips_predicted_device_bytes"] = lpips_bytes;

@@ -147,7 +147,7 @@ Json describe_model(const std::string& path) {
             {"format", loaded.format->title},
             {"offset", loaded.offset},
             {"remarks", loaded.remarks},
-            {"bytes", file_bytes(path)},
+            {"bytes", std::filesystem::file_size(path)},
             {"dim", model.dim()},
             {"variant", to_string(model.variant())},
             {"splats", model.count()},
@@ -217,7 +217,7 @@ Dataset open_data(const InfoOptions& options) {
 // Adds the properties of a packed file.
 void add_packed(const std::string& path, Json& json) {
   const auto file = std::make_shared<const PackedFile>(path);
-  json["bytes"] = file_bytes(path);
+  json["bytes"] = std::filesystem::file_size(path);
   json["background"] = file->background();
   json["downscale"] = file->downscale();
   for (const std::string& name : file->split_names()) {

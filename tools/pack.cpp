@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 // ubs pack: writes a data set to one file that loads fast, even on machines without an image library.
 #include <CLI/CLI.hpp>
+#include <filesystem>
 #include <memory>
 
 #include "host/api/open_data.hpp"
 #include "host/base/error.hpp"
-#include "host/base/paths.hpp"
 #include "host/data/packed.hpp"
 #include "tools/commands.hpp"
 #include "tools/common/output.hpp"
@@ -49,7 +49,7 @@ int run(const PackOptions& options) {
                         std::move(set.depth_bounds)};
   write_packed(options.out, data);
 
-  const auto bytes = file_bytes(options.out);
+  const auto bytes = std::filesystem::file_size(options.out);
   Json splits = Json::object();
   std::string text;
   for (const Split& split : data.splits) {

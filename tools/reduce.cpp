@@ -15,7 +15,6 @@
 #include "host/api/run_cameras.hpp"
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
-#include "host/base/paths.hpp"
 #include "host/data/foreign_formats.hpp"
 #include "host/data/ply.hpp"
 #include "host/scene/settings.hpp"
@@ -265,8 +264,8 @@ int run(ReduceOptions& options) {
   session.compare(reduced, report, options.details || options.json);
 
   write_mixed_ply(options.out, reduced.model, session.comments());
-  report.bytes_before = file_bytes(options.model);
-  report.bytes_after = file_bytes(options.out);
+  report.bytes_before = fs::file_size(options.model);
+  report.bytes_after = fs::file_size(options.out);
   if (!options.effects.empty()) write_file_atomically(options.effects, effects_csv(report));
   if (options.json) {
     Json json{{"version", version()},

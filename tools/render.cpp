@@ -11,7 +11,6 @@
 #include "host/api/open_data.hpp"
 #include "host/api/picture.hpp"
 #include "host/base/error.hpp"
-#include "host/base/paths.hpp"
 #include "host/data/grey_png.hpp"
 #include "host/data/image.hpp"
 #include "host/data/lens_image.hpp"

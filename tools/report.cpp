@@ -138,7 +138,8 @@ std::optional<Views> find_views(RunRecord& run, const RunModel& model, const Rep
             fmt::format("the run has no fingerprint of its data, so {} may contain other data", views.data));
       if (views.same) return views;
       why = fmt::format(kOthers, views.data, " (pass --data DIR to use it anyway)");
-    } catch (const Error& error) {
+    } catch (const std::exception& exception) {
+      const Error error = as_error(exception);
       if (error.kind() != ErrorKind::data) throw;
       why = fmt::format("the data cannot be used: {}", error.what());
     }

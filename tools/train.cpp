@@ -11,7 +11,6 @@
 #include "host/api/same_run.hpp"
 #include "host/api/training_data.hpp"
 #include "host/base/error.hpp"
-#include "host/base/paths.hpp"
 #include "host/base/stopwatch.hpp"
 #include "host/base/text.hpp"
 #include "host/base/warning.hpp"
@@ -365,8 +364,8 @@ int run(const TrainOptions& options) {
     say("output   {} (choose another folder with --out)\n", start.out);
   const std::vector<Camera> given_cameras = cameras_of(train_split);
   divide_by_unit(data, std::array{&train_split, &test_split}, settings.unit);
-  Checkpoint run =
-      identity(settings, absolute_path(start.data).lexically_normal().string(), data_print, *device);
+  Checkpoint run = identity(settings, std::filesystem::absolute(start.data).lexically_normal().string(),
+                            data_print, *device);
   const int device_kinds = join_run(ranks(), run);
   if (start.checkpoint) check_same_run(*start.checkpoint, run, options.start.any_device);
   double build_seconds = 0;
@@ -448,7 +447,7 @@ int run(const TrainOptions& options) {
       json["preparation_seconds"] = preparation;
       if (!chosen.empty()) json["chosen"] = chosen;
       if (learnt != Background::Learnt::no) json["learnt_background"] = to_string(drawn.background);
-      json["storage_bytes"] = file_bytes(folder.model());
+      json["storage_bytes"] = std::filesystem::file_size(folder.model());
       json["data_report"] = report_json(data.report);
       json["offset"] = data.offset;
       json["data_print"] = data_print;

@@ -120,10 +120,10 @@ void refuse_pictures(const std::filesystem::path& file) {
 
 std::filesystem::path free_output_folder(const std::filesystem::path& data) {
   namespace fs = std::filesystem;
-  fs::path at = absolute_path(data).lexically_normal();
+  fs::path at = fs::absolute(data).lexically_normal();
   if (!at.has_filename()) at = at.parent_path();  // after a trailing slash
   fs::path folder = at.parent_path();
-  const fs::path here = absolute_path("x").lexically_normal().parent_path();
+  const fs::path here = fs::current_path();
   if (access(folder.c_str(), W_OK | X_OK) != 0) folder = here;
   const std::string name = (is_folder(at) ? at.filename() : at.stem()).string() + "-ubs";
   for (int i = 1;; ++i) {

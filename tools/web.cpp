@@ -47,7 +47,7 @@ std::size_t start_of(const WebOptions& options, const LoadedModel& loaded, const
 // Returns the name of the model file without its extension. The model of a run is always called model.ply, so
 // the name of its folder is used instead.
 std::string title_of(const fs::path& model) {
-  const fs::path folder = absolute_path(model).lexically_normal().parent_path().filename();
+  const fs::path folder = fs::absolute(model).lexically_normal().parent_path().filename();
   return (model.filename() == "model.ply" && !folder.empty() ? folder : model.stem()).string();
 }
 
@@ -137,7 +137,7 @@ int run(WebOptions& options) {
     page.poster = poster_of(options, device, loaded.model, settings, cameras[start]);
     write_file_atomically(options.out, web::web_page(page, settings, model));
   }
-  json["bytes"] = file_bytes(options.out);
+  json["bytes"] = fs::file_size(options.out);
   if (options.json) {
     print_json(json);
     return 0;

@@ -22,7 +22,7 @@ std::string view_in_split(const std::string& split, const std::string& view) {
 // that fits the camera of the view.
 std::string image_in_folder(const View& view, const std::filesystem::path& folder) {
   if (view.file.empty() || view.resampled) return {};
-  return absolute_path(view.file).lexically_normal().lexically_relative(folder).string();
+  return std::filesystem::absolute(view.file).lexically_normal().lexically_relative(folder).string();
 }
 
 Json number_row(const Camera& c, const Vec3& centre, std::size_t row) {
@@ -73,7 +73,7 @@ void write_run_cameras(const std::filesystem::path& folder, std::span<const RunC
                        const std::array<double, 3>& offset, const std::filesystem::path& data) {
   make_folders(folder);
   const std::filesystem::path data_folder =
-      absolute_path(is_folder(data) ? data : folder_of(data)).lexically_normal();
+      std::filesystem::absolute(is_folder(data) ? data : folder_of(data)).lexically_normal();
   std::set<std::string> named;
   Json json{{"camera_model", "PINHOLE"}, {"frames", Json::array()}};
   std::string cameras = "# CAMERA_ID MODEL WIDTH HEIGHT FX FY CX CY\n";

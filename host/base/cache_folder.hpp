@@ -20,8 +20,9 @@ std::filesystem::path cache_folder(const char* override_name);
 // removes the file again. Never throws.
 std::string cache_defect(const std::filesystem::path& folder);
 
-// Returns the folder ubs-<user number>, which is in temporary_folder() (paths.hpp). Only this user can
-// access it. Returns an empty path if the folder cannot be created or used.
+// Returns the folder ubs-<user number>, which is in the folder of the system for temporary files
+// (temporary_folder.hpp), or in /tmp if that folder does not exist. Only this user can access it. Returns an
+// empty path if the folder cannot be created or used.
 std::filesystem::path temporary_cache();
 
 // Returns a folder that only this process uses, and that is removed when the process ends. Some drivers

@@ -15,15 +15,27 @@ int exit_code(ErrorKind kind) {
   return 1;  // never reached, because the table contains all kinds
 }
 
+namespace {
+
+// Returns the paths, the operation and the reason, for example "a/b: cannot get file size: No such file or
+// directory" or "a and b: cannot rename: Permission denied". The function what() of the base class returns
+// only the operation and the reason. Some operations have no path, such as finding the current folder.
+std::string file_system_text(const std::filesystem::filesystem_error& error) {
+  std::string text = error.path1().string();
+  if (!error.path2().empty()) text += " and " + error.path2().string();
+  return text + (text.empty() ? "" : ": ") + error.std::system_error::what();
+}
+
+}  // namespace
+
 Error as_error(const std::exception& exception) {
   if (const auto* error = dynamic_cast<const Error*>(&exception))
     return error->kind() == ErrorKind::build ? *error : Error(error->kind(), shortened(error->what()));
   if (dynamic_cast<const std::bad_alloc*>(&exception))
     return {ErrorKind::memory,
             "out of memory: use fewer splats, smaller images (--downscale) or fewer views"};
-  // The functions of host/base/paths.hpp should have converted this exception already.
   if (const auto* error = dynamic_cast<const std::filesystem::filesystem_error*>(&exception))
-    return {ErrorKind::data, fmt::format("{}: {}", error->path1().string(), error->code().message())};
+    return {ErrorKind::data, shortened(file_system_text(*error))};
   if (const auto* error = dynamic_cast<const std::system_error*>(&exception))
     if (error->code() == std::errc::resource_unavailable_try_again)  // thrown by std::thread
       return {ErrorKind::memory,

@@ -60,7 +60,10 @@ template <typename... Args>
 }
 
 // Converts an exception of any type to an Error. Exceptions that are not an Error get the kind that fits
-// them, for example ErrorKind::memory for std::bad_alloc.
+// them, for example ErrorKind::memory for std::bad_alloc. A std::filesystem::filesystem_error becomes an
+// Error(data) with the paths, the operation and the reason. Code that continues after a failed operation of
+// std::filesystem must therefore catch std::exception and call as_error(), or use an overload with an
+// error_code: `catch (const Error&)` does not catch a filesystem_error.
 Error as_error(const std::exception& exception);
 
 }  // namespace ubs

@@ -45,19 +45,6 @@ bool is_dead_link(const fs::path& path) {
   return fs::symlink_status(path, ignored).type() == fs::file_type::symlink && !path_exists(path);
 }
 
-bool same_file(const fs::path& a, const fs::path& b) {
-  std::error_code error;
-  const bool same = fs::equivalent(a, b, error);
-  return !error && same;
-}
-
-std::uint64_t file_bytes(const fs::path& path) {
-  std::error_code error;
-  const std::uintmax_t bytes = fs::file_size(path, error);
-  check(error, path, "cannot determine the size");
-  return bytes;
-}
-
 std::vector<fs::path> folder_entries(const fs::path& folder) {
   std::error_code error;
   std::vector<fs::path> entries;
@@ -80,24 +67,6 @@ void make_folders(const fs::path& folder) {
   if (made) sync_folder(above);
 }
 
-void remove_path(const fs::path& path) {
-  std::error_code error;
-  fs::remove(path, error);
-  check(error, path, "cannot be removed");
-}
-
-void remove_tree(const fs::path& path) {
-  std::error_code error;
-  fs::remove_all(path, error);
-  check(error, path, "cannot be removed");
-}
-
-void rename_path(const fs::path& from, const fs::path& to) {
-  std::error_code error;
-  fs::rename(from, to, error);
-  check(error, from, "cannot be renamed");
-}
-
 void sync_folder(const fs::path& folder) {
   const int opened = ::open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
   if (opened < 0) refuse(folder, "cannot be opened", {errno, std::generic_category()});
@@ -111,18 +80,11 @@ void sync_folder(const fs::path& folder) {
 
 fs::path folder_of(const fs::path& file) { return file.has_parent_path() ? file.parent_path() : "."; }
 
-fs::path absolute_path(const fs::path& path) {
-  std::error_code error;
-  fs::path result = fs::absolute(path, error);
-  check(error, path, "cannot be converted to an absolute path");
-  return result;
-}
-
 fs::path resolved_path(const fs::path& path) {
   std::error_code error;
   fs::path result = fs::weakly_canonical(path, error);
+  if (!error && !result.is_absolute()) result = fs::absolute(result, error).lexically_normal();
   check(error, path, "cannot be resolved");
-  if (!result.is_absolute()) result = absolute_path(result).lexically_normal();
   return result.has_filename() ? result : result.parent_path();  // without a separator at the end
 }
 
@@ -131,21 +93,6 @@ std::string small_extension(const fs::path& file) {
   std::ranges::transform(extension, extension.begin(),
                          [](char c) { return c >= 'A' && c <= 'Z' ? static_cast<char>(c - 'A' + 'a') : c; });
   return extension;
-}
-
-fs::path temporary_folder() {
-  std::error_code error;
-  fs::path result = fs::temp_directory_path(error);
-  check(error, result, "cannot find a folder for temporary files (TMPDIR)");
-  return result;
-}
-
-fs::path this_executable() {
-  const fs::path link = "/proc/self/exe";
-  std::error_code error;
-  fs::path result = fs::read_symlink(link, error);
-  check(error, link, "cannot be read");
-  return result;
 }
 
 }  // namespace ubs

@@ -1,24 +1,30 @@
 // SPDX-License-Identifier: Apache-2.0
-// TemporaryFolder creates a new folder in the folder of the system for temporary files. The destructor
-// removes it with all of its contents.
+// TemporaryFolder creates a new folder in the folder of the system for temporary files, which is the value of
+// the first of the variables TMPDIR, TMP, TEMP and TEMPDIR that is set, or /tmp if none is set. The
+// destructor removes the new folder with all of its contents.
 #pragma once
 
 #include <stdlib.h>
 
 #include <filesystem>
 #include <string>
+#include <system_error>
 
 #include "host/base/error.hpp"
-#include "host/base/paths.hpp"
 
 namespace ubs {
 
 class TemporaryFolder {
  public:
   TemporaryFolder() {
-    std::string pattern = (temporary_folder() / "ubs-temporary-XXXXXX").string();
+    std::error_code error;
+    const std::filesystem::path system = std::filesystem::temp_directory_path(error);
+    if (error)
+      fail(ErrorKind::data, "cannot find the folder for temporary files: {}: set TMPDIR to a writable folder",
+           error.message());
+    std::string pattern = (system / "ubs-temporary-XXXXXX").string();
     if (!mkdtemp(pattern.data()))
-      fail(ErrorKind::data, "{}: cannot make a temporary folder", temporary_folder().string());
+      fail(ErrorKind::data, "{}: cannot make a temporary folder", system.string());
     path_ = pattern;
   }
   ~TemporaryFolder() {

@@ -111,10 +111,10 @@ std::string describe(const FileImage& image) {
 }  // namespace
 
 std::string file_identity(const fs::path& path) {
-  std::error_code ignored;
-  const auto size = file_bytes(path);
+  std::error_code ignored;  // reading the image reports the error
+  const auto size = fs::file_size(path, ignored);
   const auto time = fs::last_write_time(path, ignored).time_since_epoch().count();
-  return fmt::format("{}|{}|{}", absolute_path(path).string(), size, time);
+  return fmt::format("{}|{}|{}", fs::absolute(path, ignored).string(), size, time);
 }
 
 std::string cache_name(const std::string& description) {

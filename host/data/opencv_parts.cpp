@@ -7,7 +7,6 @@
 #include <filesystem>
 
 #include "host/base/error.hpp"
-#include "host/base/paths.hpp"
 
 namespace ubs {
 namespace {
@@ -20,7 +19,7 @@ constexpr const char* kModule = UBS_OPENCV_MODULE;  // name of the module of thi
 fs::path own_file() {
   Dl_info info{};
   const bool known = dladdr(reinterpret_cast<void*>(&opencv), &info) != 0 && info.dli_fname[0] == '/';
-  return known ? fs::path(info.dli_fname) : this_executable();
+  return known ? fs::path(info.dli_fname) : fs::read_symlink("/proc/self/exe");
 }
 
 const OpencvParts& load() {

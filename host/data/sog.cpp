@@ -505,7 +505,7 @@ ImportedSplats load_sog(const std::filesystem::path& path) {
   const Json meta = parse_meta(bytes, name);
   std::size_t all = 0;
   for (const std::filesystem::path& entry : folder_entries(folder_of(path)))
-    if (is_regular(entry)) all += file_bytes(entry);
+    if (is_regular(entry)) all += std::filesystem::file_size(entry);
   return read_meta([&](const std::string& member) { return read_file(file_beside(path, member)); }, meta, all,
                    name);
 }

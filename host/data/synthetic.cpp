@@ -160,7 +160,7 @@ void prepare_folder(const SyntheticOptions& o, const fs::path& out) {
            file.string());
   }
   make_folders(out);
-  for (const SplitPlan& split : plan(o)) remove_path(transforms_file(out, split));
+  for (const SplitPlan& split : plan(o)) fs::remove(transforms_file(out, split));
 }
 
 void render_split(const Scene& scene, const SplitPlan& split, const SyntheticOptions& o,

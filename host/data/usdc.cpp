@@ -3,12 +3,12 @@
 // specification, so such files are converted from and to text files by programs of OpenUSD: either usdcat, or
 // a Python with the package usd-core.
 #include <algorithm>
+#include <filesystem>
 #include <fstream>
 
 #include "host/base/child_process.hpp"
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
-#include "host/base/paths.hpp"
 #include "host/base/temporary_folder.hpp"
 #include "host/data/foreign_formats.hpp"
 #include "host/data/splat_series.hpp"
@@ -92,7 +92,7 @@ void write_binary_usd(const fs::path& path, const WriteText& write_text) {
   const fs::path text = temporary.path() / "splats.usda", binary = temporary.path() / "splats.usdc";
   write_text(text);
   convert_usd(converter, text, binary, path.string());
-  remove_path(text);
+  fs::remove(text);
   AtomicFile file(path);
   std::size_t left = 0;
   std::ifstream in = open_for_reading(binary, left);
@@ -112,9 +112,7 @@ ImportedSplats read_usdc_sample(const fs::path& path, std::optional<double> time
   const TemporaryFolder temporary;
   // OpenUSD recognises the format by the extension, but the input file may have any name.
   const fs::path binary = temporary.path() / "in.usdc", text = temporary.path() / "in.usda";
-  std::error_code error;
-  fs::create_symlink(absolute_path(path), binary, error);
-  if (error) fail(ErrorKind::data, "{}: cannot create a link: {}", binary.string(), error.message());
+  fs::create_symlink(fs::absolute(path), binary);
   convert_usd(converter, binary, text, path.string());
   return parse_usda(read_text_file(text), path.string(), time);
 }

@@ -4,13 +4,14 @@
 
 #include <array>
 #include <cstdint>
+#include <filesystem>
 #include <fstream>
 #include <limits>
 #include <mutex>
 #include <string_view>
+#include <system_error>
 
 #include "host/base/error.hpp"
-#include "host/base/paths.hpp"
 #include "host/data/opencv_parts.hpp"
 #include "host/data/resample.hpp"
 
@@ -54,7 +55,9 @@ class VideoFile {
     const double frames = property(cv::CAP_PROP_FRAME_COUNT);
     if (size_.width < 1 || size_.height < 1 || size_.width > 65535 || size_.height > 65535 || !(frames >= 1))
       fail(ErrorKind::data, "{}: the video has no frames", path_.string());
-    const std::uint64_t bytes = file_bytes(path_);
+    // If the size cannot be determined, it is the largest number. Reading the frames then reports the error.
+    std::error_code ignored;
+    const std::uintmax_t bytes = std::filesystem::file_size(path_, ignored);
     if (frames > static_cast<double>(bytes) || frames > std::numeric_limits<int>::max())
       fail(ErrorKind::data, "{}: the video is damaged: its header announces {:g} frames in {} bytes",
            path_.string(), frames, bytes);

@@ -63,7 +63,7 @@ std::string open_writer(cv::VideoWriter& writer, const fs::path& path, int width
 // was. This finds out whether a disk has become full while OpenCV wrote to it, because OpenCV does not report
 // that.
 std::string full_disk(const fs::path& file) {
-  const std::uint64_t bytes = file_bytes(file);
+  const std::uintmax_t bytes = fs::file_size(file);
   std::ofstream stream(file, std::ios::binary | std::ios::app);
   errno = 0;
   const bool grew = static_cast<bool>(stream << std::string(std::size_t{1} << 13, '\0') << std::flush);

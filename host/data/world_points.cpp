@@ -8,7 +8,6 @@
 #include <cmath>
 
 #include "host/base/error.hpp"
-#include "host/base/paths.hpp"
 #include "host/data/ply_header.hpp"
 #include "host/scene/camera.hpp"
 

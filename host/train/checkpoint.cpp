@@ -6,6 +6,7 @@
 #include <bit>
 #include <cmath>
 #include <cstring>
+#include <filesystem>
 #include <nlohmann/json.hpp>
 #include <numeric>
 #include <optional>
@@ -14,7 +15,6 @@
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
 #include "host/base/json.hpp"
-#include "host/base/paths.hpp"
 #include "host/scene/settings.hpp"
 
 namespace ubs {
@@ -230,9 +230,9 @@ class Steps {
     std::string own;
     try {
       work();
-    } catch (const Error& error) {
+    } catch (const std::exception& exception) {
       if (ranks_.size() == 1) throw;
-      own = error.what();
+      own = as_error(exception).what();
     }
     const std::vector<std::string> all = ranks_.all_texts(own);
     for (std::size_t r = 0; r < all.size(); ++r)
@@ -314,7 +314,7 @@ void write_checkpoint(const std::filesystem::path& path, const Checkpoint& check
     file->write_word(static_cast<std::uint32_t>(header.size()));
     file->write(header);
     begin = file->size();
-    place = absolute_path(file->temporary()).string();
+    if (ranks.size() > 1) place = std::filesystem::absolute(file->temporary()).string();
   });
   std::vector<Bytes> rows;  // for each rank, the parts of rows that it has written
   if (ranks.size() > 1) {

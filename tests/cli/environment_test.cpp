@@ -168,6 +168,18 @@ TEST_CASE("a full disk that contains the kernel cache is detected before the dri
   CHECK(result.err.find("No space left on device") != std::string::npos);
 }
 
+TEST_CASE("if the working folder has been removed, the error says so and is a data error") {
+  const TempFolder folder;
+  put(folder / "data/transforms_train.json", "{}");
+  const Result result =
+      run_command(folder, fmt::format("sh -c \"mkdir gone && cd gone && rmdir ../gone && '{}' train '{}'\"",
+                                      UBS_EXECUTABLE, (folder / "data").string()));
+  INFO(result.err);
+  CHECK(result.code == 3);
+  CHECK(lines(result.err) == 1);
+  CHECK(result.err.find("cannot get current path: No such file or directory") != std::string::npos);
+}
+
 // Creates a tiny data set in data/.
 void make_data(const TempFolder& folder) {
   ubs_ok(folder, "synth glossy --out data --width 16 --height 16 --views 2 --test-views 1");

@@ -115,6 +115,11 @@ TEST_CASE("a run stores its data folder and the settings for reading it") {
   INFO(besides.err);
   REQUIRE(besides.code == 0);
   CHECK(psnr(besides.out) == trained);
+  const Result inside = test::run_command(
+      folder, fmt::format("(cd sets/run && '{}' eval model.ply --fps-views 0 --json)", UBS_EXECUTABLE));
+  INFO(inside.err);
+  REQUIRE(inside.code == 0);
+  CHECK(psnr(inside.out) == trained);
   // Three errors are tested: a model without its run, a run whose data folder does not exist, and, at the end
   // of this test, a run whose data were replaced by different data.
   fs::copy(folder / "sets/run/model.ply", folder / "alone.ply");
@@ -756,6 +761,10 @@ TEST_CASE("devices --doctor prints a page about the devices that contains a verd
   CHECK(doctor["well"] == true);
   CHECK(doctor["devices"][0]["check"]["right"] == true);
   CHECK_THAT(doctor["problems"].dump(), Contains("results of ubs-lab tune"));
+  const Result homeless = test::run_command(
+      folder, fmt::format("TMPDIR=$PWD/none '{}' devices --doctor --json --device cpu", UBS_EXECUTABLE));
+  INFO(homeless.err);
+  CHECK_THAT(json::parse(homeless.out)["problems"].dump(), Contains("set TMPDIR to a writable folder"));
 }
 
 }  // namespace

@@ -124,12 +124,13 @@ RunData use_run_data(const std::string& model, std::string& data) {
          "{}: does not name the data folder of the run: pass the data folder after the model",
          RunFolder(folder).metrics().string());
   std::string why = "does not exist";
-  for (const std::filesystem::path& place : data_places(named, folder)) {
+  for (const std::filesystem::path& place : data_places(named, run.folder)) {
     if (!path_exists(place)) continue;
     why = "contains other cameras, names or images than the data that the run was trained on";
     try {
       if (print && !trained_on(place)) continue;
-    } catch (const Error& error) {  // not the data of the run, which may be at the next place
+    } catch (const std::exception& exception) {  // not the data of the run, which may be at the next place
+      const Error error = as_error(exception);
       if (error.kind() != ErrorKind::data) throw;
       why = fmt::format("cannot be used ({})", error.what());
       continue;

@@ -20,6 +20,12 @@ namespace {
 
 namespace fs = std::filesystem;
 
+// Returns whether two paths refer to the same file. Returns false if one of them does not exist.
+bool same_file(const fs::path& a, const fs::path& b) {
+  std::error_code ignored;
+  return fs::equivalent(a, b, ignored);
+}
+
 // Returns whether `inner` is inside `outer` after resolving symbolic links. Compares inodes, so bind mounts
 // are recognised too.
 bool lies_in(const fs::path& inner, const fs::path& outer) {

@@ -127,7 +127,7 @@ void RunFolder::remove_renders() const {
     const fs::path file = name.is_string() ? name.get<std::string>() : "";
     if (file.native().find('\0') != std::string::npos) continue;  // system calls would truncate such a name
     if (file.extension() == ".png" && file == file.filename() && is_regular(renders() / file))
-      remove_path(renders() / file);
+      fs::remove(renders() / file);
   }
 }
 
@@ -135,7 +135,7 @@ void RunFolder::begin(TrainSettings settings) {
   if (!writes_) return;
   remove_renders();
   for (const fs::path& file : files())
-    if (path_exists(file)) remove_path(file);
+    if (path_exists(file)) fs::remove(file);
   for (const fs::path& folder : {renders(), cameras()}) ::rmdir(folder.c_str());  // only if they are empty
   make_folders(folder_);
   write_config(settings);
@@ -260,13 +260,13 @@ void RunFolder::save_cameras(Trainer& trainer, const Split& train, const Split& 
 
 void RunFolder::remove_checkpoint() {
   if (!writes_) return;
-  remove_path(checkpoint());
+  fs::remove(checkpoint());
   sync_folder(folder_);
 }
 
 void RunFolder::keep_checkpoint() {
   if (!writes_ || !path_exists(checkpoint())) return;
-  rename_path(checkpoint(), continuation());
+  fs::rename(checkpoint(), continuation());
   sync_folder(folder_);
 }
 

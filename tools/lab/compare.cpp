@@ -11,7 +11,6 @@
 #include "host/api/training_data.hpp"
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
-#include "host/base/paths.hpp"
 #include "host/base/statistics.hpp"
 #include "host/base/stopwatch.hpp"
 #include "host/data/ply.hpp"

@@ -116,7 +116,7 @@ void read_metrics(RunRecord& run) {
 }
 
 std::string folder_name(const fs::path& folder) {
-  const fs::path whole = absolute_path(folder).lexically_normal();
+  const fs::path whole = fs::absolute(folder).lexically_normal();
   return (whole.has_filename() ? whole : whole.parent_path()).filename().string();
 }
 
@@ -173,7 +173,7 @@ Json parse_log(const std::string& csv, const std::string& origin, std::vector<st
 std::vector<fs::path> data_places(const std::string& data, const fs::path& run) {
   if (data.empty()) return {};
   if (fs::path(data).is_absolute()) return {data};
-  const fs::path whole = (absolute_path(run) / "").lexically_normal().parent_path();
+  const fs::path whole = (fs::absolute(run) / "").lexically_normal().parent_path();
   return {data, whole.parent_path() / data};
 }
 
