@@ -97,7 +97,8 @@ def make_plan(spec, options):
             run.state = "no data"
             run.reason = f"there is neither {options.root / run.place} nor a folder of its other names"
         choose_settings(run, spec, options)
-        load_results(run)
+        if run.data:
+            load_results(run)
     return runs
 
 

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // This is the main program of the executable `ubs`, which trains, renders and converts models.
 #include "tools/commands.hpp"
+#include "tools/common/interrupt.hpp"
 
 namespace {
 
@@ -38,7 +39,7 @@ int main(int argc, char** argv) {
   const Program program{
       "ubs",
       "ubs: universal beta splatting. Trains and renders splat models of 3 to 11 dimensions.",
-      {{130, "interrupted (train and render keep the results so far)"}},
+      {{kInterruptedExitCode, "interrupted (train and render keep the results so far)"}},
       kCommands};
   return run_program(program, argc, argv);
 }

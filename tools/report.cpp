@@ -279,7 +279,6 @@ ReportViewer live_viewer(const ReportRun& run, const LoadedModel& loaded,
           .style = web::viewer_style(),
           .script = web::viewer_script(),
           .policy = web::kViewerPolicy,
-          .run = run.record.name,
           .psnr = packed.psnr.mean};
 }
 
@@ -310,7 +309,10 @@ std::vector<ReportRun> open_runs(ReportOptions& options, ReportViewer& viewer) {
     if (run.model && run.model->count() > 0) remark_on_splats(run.record, *run.model);
     if (run.model && run.model->count() > 0) {
       draw(run, model, options, device, names);
-      if (viewer.markup.empty() && !options.no_viewer) viewer = viewer_if_packed(run, model.loaded, device);
+      if (viewer.markup.empty() && !options.no_viewer) {
+        viewer = viewer_if_packed(run, model.loaded, device);
+        viewer.run = runs.size();
+      }
     }
     if (!options.json) {
       say("run      {}: {}{}\n", folder, run.model ? to_string(*run.model) : "no model",

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "host/base/error.hpp"
 
+#include <algorithm>
 #include <filesystem>
 #include <new>
 #include <system_error>
@@ -8,14 +9,14 @@
 #include "host/base/text.hpp"
 
 namespace ubs {
-
-int exit_code(ErrorKind kind) {
-  for (const ExitCode& row : kExitCodes)
-    if (row.kind == kind) return row.code;
-  return 1;  // never reached, because the table contains all kinds
-}
-
 namespace {
+
+constexpr bool has_all_kinds() {
+  for (int kind = 0; kind <= static_cast<int>(ErrorKind::internal); ++kind)
+    if (std::ranges::count(kExitCodes, static_cast<ErrorKind>(kind), &ExitCode::kind) != 1) return false;
+  return true;
+}
+static_assert(has_all_kinds(), "kExitCodes must have one row for each kind of error");
 
 // Returns the paths, the operation and the reason, for example "a/b: cannot get file size: No such file or
 // directory" or "a and b: cannot rename: Permission denied". The function what() of the base class returns
@@ -27,6 +28,8 @@ std::string file_system_text(const std::filesystem::filesystem_error& error) {
 }
 
 }  // namespace
+
+int exit_code(ErrorKind kind) { return std::ranges::find(kExitCodes, kind, &ExitCode::kind)->code; }
 
 Error as_error(const std::exception& exception) {
   if (const auto* error = dynamic_cast<const Error*>(&exception))

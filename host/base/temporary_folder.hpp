@@ -6,6 +6,7 @@
 
 #include <stdlib.h>
 
+#include <cstdlib>
 #include <filesystem>
 #include <string>
 #include <system_error>
@@ -20,8 +21,9 @@ class TemporaryFolder {
     std::error_code error;
     const std::filesystem::path system = std::filesystem::temp_directory_path(error);
     if (error)
-      fail(ErrorKind::data, "cannot find the folder for temporary files: {}: set TMPDIR to a writable folder",
-           error.message());
+      fail(ErrorKind::data,
+           "{}cannot find the folder for temporary files: {}: set TMPDIR to a writable folder",
+           std::getenv("TMPDIR") ? std::getenv("TMPDIR") + std::string(": ") : "", error.message());
     std::string pattern = (system / "ubs-temporary-XXXXXX").string();
     if (!mkdtemp(pattern.data()))
       fail(ErrorKind::data, "{}: cannot make a temporary folder", system.string());

@@ -77,7 +77,8 @@ struct LayoutText {
   std::string_view title;  // data sets and programs that use this layout
   std::string_view files;  // names of the files by which the layout is recognised
 };
-// Returns the texts of all layouts, in the order in which the layouts are tried.
+// Returns the texts of all layouts, in the order in which the layouts are tried. A test writes the list in
+// docs/data.md with them.
 std::vector<LayoutText> layout_texts();
 // Returns the names of the data sets and programs whose folders can be read, for help texts.
 std::string layout_titles();

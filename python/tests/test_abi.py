@@ -26,8 +26,8 @@ def class_name(name: str) -> str:
 
 
 def type_of(kind: str, pointers: int) -> str:
-    """Returns the type of ctypes for a type of C. Handles have the name of their kind, which _abi.py replaces by a type.
-    Arrays of numbers are passed as addresses, except single integers, which functions return."""
+    """Returns the type of ctypes for a type of C. Handles have the name of their kind, which _abi.py replaces by a
+    type. Pointers to numbers are arrays, which are passed as addresses, except those to size_t, which are results."""
     name = kind.removeprefix("ubs_")
     if name in HANDLES:
         return f'"{name}"' if pointers == 1 else "POINTER(c_void_p)"
@@ -41,8 +41,9 @@ def type_of(kind: str, pointers: int) -> str:
 
 
 def types_of(arguments: str) -> list[str]:
-    parts = [re.fullmatch(r"\s*(?:const )?(\w+)(?: const)?\s*(\**).*", text, re.DOTALL) for text in arguments.split(",")]
-    return [type_of(part[1], len(part[2])) for part in parts if part]
+    pattern = r"^\s*(?:const )?(\w+)(?: const)?\s*(\**)"
+    found = [re.findall(pattern, text)[0] for text in arguments.split(",")]
+    return [type_of(kind, len(pointers)) for kind, pointers in found]
 
 
 def fields_of(body: str) -> list[tuple[str, str]]:
@@ -82,6 +83,7 @@ def test_declarations_are_those_of_the_header() -> None:
     assert len(STRUCTS) > 10 and len(FUNCTIONS) > 40
     before, _, rest = MODULE.read_text().partition(BEGIN)
     declared, _, after = rest.partition(END)
+    assert rest and after
     if os.environ.get("UBS_WRITE_LISTS"):
         MODULE.write_text(before + BEGIN + declarations() + END + after)
     else:

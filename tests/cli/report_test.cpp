@@ -173,6 +173,8 @@ TEST_CASE("report: the page of one run contains its data", "[cli]") {
   const Page page = read_page(folder / "still/report.html");
   CHECK(page.html.ids() == std::set<std::string>{"ubs-viewer", "ubs-options", "ubs-model",
                                                  "ubs-worker", "ubs-record", "ubs-pictures"});
+  CHECK(page.record["viewer"]["run"] == 0);
+  CHECK(page.record["viewer"]["psnr"] >= 50);
   CHECK(counts(page) == std::map<std::string, std::size_t>{{"truth", 3},
                                                            {"render", 3},
                                                            {"error", 3},

@@ -81,7 +81,7 @@ TEST_CASE("paths: if TMPDIR does not name a folder, a temporary folder is a data
   CHECK_THAT(message_of([] { const TemporaryFolder made; }), Contains("set TMPDIR to a writable folder"));
 }
 
-// paths.hpp has a function in place of each of these functions of std::filesystem. Many callers catch the
+// paths.hpp has a function in place of most of these functions of std::filesystem. Many callers catch the
 // Error that it throws, and it accepts names that are too long. This test allows the overloads that take an
 // error_code.
 TEST_CASE("paths: no source uses functions of std::filesystem that paths.hpp replaces", "[paths]") {

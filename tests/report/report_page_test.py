@@ -110,6 +110,16 @@ def two_runs(page, folder, run, other):
     assert len([text for text in texts(page, ".blank") if text == "ground truth as above"]) == 2
 
 
+# The page shows the model of the first run, and states its name.
+def with_model(page, folder, run, other):
+    ubs("report", run, other, "--views", 1, "--out", folder / "model.html")
+    assert opened(page, folder / "model.html", 1200) == ["viewer", *SECTIONS]
+    assert texts(page, "nav a")[0] == "The model"
+    note = texts(page, "#viewer .note")
+    assert len(note) == 1 and note[0].startswith(f"This is the model of {HOSTILE[0]} in compressed form. PSNR"), note
+    until(page, "document.querySelector('#viewer .stage.drawn canvas') !== null")
+
+
 # The PSNR of a run with smaller images is different, but is marked neither better nor worse.
 def two_sizes(page, folder, run, half):
     ubs("report", run, half, "--views", 1, "--no-viewer", "--out", folder / "sizes.html")
@@ -154,6 +164,7 @@ def main():
             one_run(page, folder, run)
             two_sizes(page, folder, run, folder / "half")
             two_runs(page, folder, run, other)
+            with_model(page, folder, run, other)
             damaged(page, folder, run)
     finally:
         page.close()

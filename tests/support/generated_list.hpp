@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// check_list() tests a list in a document that is generated from a table of the code. The list stands between
-// the comments "<!-- list of NAME -->" and "<!-- end of the list -->". With the environment variable
+// check_list() tests a list in a document that is generated from a table of the code. The list is between the
+// comments "<!-- list of NAME -->" and "<!-- end of the list -->". With the environment variable
 // UBS_WRITE_LISTS=1, check_list() writes the list into the document instead.
 #pragma once
 

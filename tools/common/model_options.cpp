@@ -110,7 +110,7 @@ RunData use_run_data(const std::string& model, std::string& data) {
   if (!data.empty()) {
     try {
       if (!print || !trained_on(data)) return {};
-    } catch (const Error&) {  // other data; the code that uses them reports the error
+    } catch (const std::exception&) {  // other data; the code that uses them reports the error
       return {};
     }
     if (reading_of(run.settings) != reading_of({}) || !run.settings.run_cameras.empty())

@@ -2,6 +2,7 @@
 // This is the main program of the executable `ubs-lab`, which measures ubs. It measures errors against
 // float64 and the times of the same operations, runs numerically difficult and extreme cases, and compares
 // devices and back ends.
+#include "tools/common/interrupt.hpp"
 #include "tools/lab/lab_commands.hpp"
 
 namespace {
@@ -31,7 +32,7 @@ int main(int argc, char** argv) {
       "ubs-lab: measures the errors and times of ubs, tests extreme cases, and compares devices.",
       {{8, "slower than the baseline (bench)"},
        {9, "a case failed (stress)"},
-       {130, "interrupted (bench, accuracy and stress keep the results so far)"}},
+       {kInterruptedExitCode, "interrupted (bench, accuracy and stress keep the results so far)"}},
       kCommands};
   return run_program(program, argc, argv);
 }

@@ -31,7 +31,7 @@ struct PageCode {
 };
 
 // Returns the embedded file document.html, the frame of all pages. It has places for the arguments of
-// page_shell(), such as {title}.
+// page_shell(), such as {title}. Other braces in the file must be doubled.
 std::string document_html();
 
 // Returns a document that does not use the network. page_shell() writes `styles` into the head. `body` must

@@ -38,9 +38,9 @@ struct ReportPage {
 struct ReportViewer {
   std::string markup;  // empty: no viewer
   PageCode style, script;
-  std::string policy;  // directives for its images and its worker
-  std::string run;     // name of the run whose model the viewer shows
-  double psnr = 0;     // PSNR of the compressed model of the viewer against the original model [dB]
+  std::string policy;   // directives for its images and its worker
+  std::size_t run = 0;  // index of the run whose model the viewer shows
+  double psnr = 0;      // PSNR of the compressed model of the viewer against the original model [dB]
 };
 
 // Returns the page about `runs`. There must be at least one run. `made_by` is the version line of the
