@@ -4,6 +4,7 @@
 // the colours of a render to a photograph, which is used for test views.
 #include <catch2/catch.hpp>
 #include <cmath>
+#include <map>
 
 #include "host/train/fit_appearance.hpp"
 #include "tests/pipeline/training_runs.hpp"
@@ -46,20 +47,32 @@ TEST_CASE("appearance: if it is learnt, exposures changed by -1 to 1 stops hardl
     settings.lr_scale = 0.02;
     settings.lr_rgb = settings.lr_l_triangle = 0.005;
     settings.lr_beta = 0.01;
-    const double best = test::train(*device, settings, plain).test.mean.psnr;
-    const double without = test::train(*device, settings, uneven).test.mean.psnr;
-    CHECK(without < best - 1);  // observed: without appearance, the PSNR is 1.6 dB lower
-    for (const bool affine : {false, true}) {
-      settings.appearance = affine ? Appearance::affine : Appearance::gain;
-      const Metrics with = test::train(*device, settings, uneven).test;
-      INFO(static_cast<int>(settings.appearance)
-           << ": " << best << " even, " << without << " without, " << with.mean.psnr << " with, fitted "
-           << with.mean.fitted->psnr);
-      // With appearance = gain, the PSNR is about 0.5 dB lower, because gains alone can reproduce neither the
-      // response curve of the camera nor its saturation.
-      CHECK(with.mean.psnr > best - (affine ? 0.3 : 0.7));
-      CHECK(with.mean.fitted->psnr > best - (affine ? 0.1 : 0.4));
+    // Means over three seeds of the PSNR minus the PSNR of training on equal exposures. Single values of six
+    // seeds differed by up to 0.7 dB, and so do those of different roundings.
+    constexpr int kSeeds = 3;
+    double without = 0;
+    std::map<Appearance, double> with, fitted;
+    for (settings.seed = 1; settings.seed <= kSeeds; ++settings.seed) {
+      settings.appearance = Appearance::none;
+      const double best = test::train(*device, settings, plain).test.mean.psnr;
+      without += (test::train(*device, settings, uneven).test.mean.psnr - best) / kSeeds;
+      for (const Appearance appearance : {Appearance::gain, Appearance::affine}) {
+        settings.appearance = appearance;
+        const Metrics metrics = test::train(*device, settings, uneven).test;
+        with[appearance] += (metrics.mean.psnr - best) / kSeeds;
+        fitted[appearance] += (metrics.mean.fitted->psnr - best) / kSeeds;
+      }
     }
+    INFO(without << " without, " << with[Appearance::gain] << " and " << fitted[Appearance::gain]
+                 << " fitted with gains, " << with[Appearance::affine] << " and "
+                 << fitted[Appearance::affine] << " fitted with affine maps [dB]");
+    CHECK(without < -1);  // observed: single values from -1.5 to -1.1
+    // Gains alone can reproduce neither the response curve of the camera nor its saturation. Observed: single
+    // values from -0.6 to 0.1, fitted from -0.4 to 0.3; with affine maps from -0.4 to 0.2, and -0.1 to 0.4.
+    CHECK(with[Appearance::gain] > -0.7);
+    CHECK(fitted[Appearance::gain] > -0.4);
+    CHECK(with[Appearance::affine] > -0.3);
+    CHECK(fitted[Appearance::affine] > -0.1);
   }
 }
 
