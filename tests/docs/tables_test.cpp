@@ -56,7 +56,7 @@ TEST_CASE("tables: docs/data.md has the lists of layouts, camera models and form
   check_list("docs/data.md", "camera models", lenses);
 
   const Texts written = ubs::written_formats();
-  std::string formats = table_head({"format", "extension", "splats", "written by", "offset", "antialiasing",
+  std::string formats = table_head({"format", "extension", "contains", "written by", "offset", "antialiasing",
                                     "time samples", "losses when written"});
   for (const ubs::SplatFormat& format : ubs::splat_formats()) {
     const bool can_write = std::ranges::count(written, format.name) > 0;
@@ -66,7 +66,7 @@ TEST_CASE("tables: docs/data.md has the lists of layouts, camera models and form
         {std::string(format.title),
          backticks(format.extension) +
              (format.second_extension.empty() ? "" : ", " + backticks(format.second_extension)),
-         format.ours()                                   ? "of any model"
+         format.ours()                                   ? "models of `ubs`"
          : format.holds == ubs::SplatFormat::Holds::beta ? "Beta"
                                                          : "Gaussians",
          can_write ? backticks("--to " + std::string(format.name)) : "", format.keeps_offset ? "yes" : "",

@@ -47,8 +47,8 @@ TEST_CASE("appearance: if it is learnt, exposures changed by -1 to 1 stops hardl
     settings.lr_scale = 0.02;
     settings.lr_rgb = settings.lr_l_triangle = 0.005;
     settings.lr_beta = 0.01;
-    // Means over three seeds of the PSNR minus the PSNR of training on equal exposures. Single values of six
-    // seeds differed by up to 0.7 dB, and so do those of different roundings.
+    // The values are differences from the PSNR of training on equal exposures. They are means over seeds,
+    // because the quality of a single training also depends on the seed and on the rounding of the device.
     constexpr int kSeeds = 3;
     double without = 0;
     std::map<Appearance, double> with, fitted;
@@ -66,13 +66,12 @@ TEST_CASE("appearance: if it is learnt, exposures changed by -1 to 1 stops hardl
     INFO(without << " without, " << with[Appearance::gain] << " and " << fitted[Appearance::gain]
                  << " fitted with gains, " << with[Appearance::affine] << " and "
                  << fitted[Appearance::affine] << " fitted with affine maps [dB]");
-    CHECK(without < -1);  // observed: single values from -1.5 to -1.1
-    // Gains alone can reproduce neither the response curve of the camera nor its saturation. Observed: single
-    // values from -0.6 to 0.1, fitted from -0.4 to 0.3; with affine maps from -0.4 to 0.2, and -0.1 to 0.4.
-    CHECK(with[Appearance::gain] > -0.7);
-    CHECK(fitted[Appearance::gain] > -0.4);
-    CHECK(with[Appearance::affine] > -0.3);
-    CHECK(fitted[Appearance::affine] > -0.1);
+    CHECK(without < -1);  // observed: -1.30
+    // Gains alone can reproduce neither the response curve of the camera nor its saturation.
+    CHECK(with[Appearance::gain] > -0.7);      // observed: -0.26
+    CHECK(fitted[Appearance::gain] > -0.4);    // observed: -0.04
+    CHECK(with[Appearance::affine] > -0.3);    // observed: -0.11
+    CHECK(fitted[Appearance::affine] > -0.1);  // observed: 0.17
   }
 }
 

@@ -627,8 +627,8 @@
     links.push(['viewer', 'The model']);
     main.append(element(
         'section', {id: 'viewer'}, element('h2', {}, 'The model'), document.getElementById('ubs-viewer'),
-        note(`This is the model of ${runs[record.viewer.run].name} in compressed form. PSNR against the original model: `,
-             `${fixed(record.viewer.psnr, 1)} dB.`)));
+        note(`This is the model of ${runs[record.viewer.run].name} in compressed form. `,
+             `PSNR against the original model: ${fixed(record.viewer.psnr, 1)} dB.`)));
   }
   for (const [id, title, content] of [
            ['summary', 'Summary', summary], ['curves', 'Training curves', curves], ['views', 'Views', views],
