@@ -12,7 +12,7 @@ include(CMakePackageConfigHelpers)
 # The static library contains all archives of ubs in one file. The other libraries that it needs are listed in
 # the packages for find_package and pkg-config. A build with CUDA does not make the static library, because every
 # program that uses the library would have to link device code. A build with UBS_BUNDLE does not make it either.
-set(static_parts ubs_facade ubs_run ubs_check ubs_look ubs_devices ubs_io ubs_core)
+set(static_parts ubs_capi ubs_model ubs_run ubs_check ubs_devices ubs_dataset ubs_formats ubs_train ubs_settings ubs_core)
 if(UBS_OPENCL)
   list(APPEND static_parts ubs_opencl)
 endif()

@@ -10,19 +10,19 @@
 #include <filesystem>
 #include <memory>
 
-#include "host/api/camera_path.hpp"
-#include "host/api/distill.hpp"
-#include "host/api/export_model.hpp"
-#include "host/api/open_data.hpp"
-#include "host/api/proved_device.hpp"
-#include "host/api/scene_frame.hpp"
+#include "host/model/camera_path.hpp"
+#include "host/model/distill.hpp"
+#include "host/model/export_model.hpp"
+#include "host/run/open_data.hpp"
+#include "host/run/proved_device.hpp"
+#include "host/model/scene_frame.hpp"
 #include "host/base/error.hpp"
 #include "host/base/paths.hpp"
-#include "host/data/gaussian_model.hpp"
-#include "host/data/ply.hpp"
-#include "host/data/reduce_splats.hpp"
-#include "host/data/splat_file.hpp"
-#include "host/data/splat_series.hpp"
+#include "host/formats/gaussian_model.hpp"
+#include "host/formats/ply.hpp"
+#include "host/formats/reduce_splats.hpp"
+#include "host/formats/splat_file.hpp"
+#include "host/formats/splat_series.hpp"
 #include "host/device/registry.hpp"
 #include "host/scene/conditioning.hpp"
 #include "host/train/evaluate.hpp"
@@ -64,7 +64,7 @@ struct ConvertOptions {
   bool fit_requested() const { return distill != "auto" && fit_seconds() > 0; }
   double fit_seconds() const {
     if (distill == "auto") return kFitSeconds;
-    return distill == "0" ? 0 : time_budget_seconds(distill, "--distill");
+    return distill == "0" ? 0 : parse_duration(distill, "--distill");
   }
 };
 

@@ -4,10 +4,10 @@
 #include <algorithm>
 #include <cmath>
 
-#include "host/api/distill.hpp"
-#include "host/api/model_session.hpp"
-#include "host/api/scene_frame.hpp"
-#include "host/data/gaussian_model.hpp"
+#include "host/model/distill.hpp"
+#include "host/model/model_session.hpp"
+#include "host/model/scene_frame.hpp"
+#include "host/formats/gaussian_model.hpp"
 
 namespace ubs::tools {
 namespace {

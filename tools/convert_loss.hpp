@@ -6,10 +6,10 @@
 #include <string>
 #include <vector>
 
-#include "host/data/splat_file.hpp"
+#include "host/formats/splat_file.hpp"
 #include "host/scene/dataset.hpp"
 #include "host/scene/mixed_model.hpp"
-#include "host/scene/train_settings.hpp"
+#include "host/settings/train_settings.hpp"
 
 namespace ubs::tools {
 

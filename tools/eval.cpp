@@ -5,9 +5,9 @@
 #include <filesystem>
 #include <memory>
 
-#include "host/api/open_data.hpp"
-#include "host/api/proved_device.hpp"
-#include "host/api/run_cameras.hpp"
+#include "host/run/open_data.hpp"
+#include "host/run/proved_device.hpp"
+#include "host/run/run_cameras.hpp"
 #include "host/base/file.hpp"
 #include "host/base/stopwatch.hpp"
 #include "host/pipeline/frame_rate.hpp"

@@ -5,13 +5,13 @@
 #include <map>
 #include <memory>
 
-#include "host/api/image_comparison.hpp"
-#include "host/api/proved_device.hpp"
+#include "host/model/image_comparison.hpp"
+#include "host/run/proved_device.hpp"
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
 #include "host/base/paths.hpp"
-#include "host/data/image.hpp"
-#include "host/data/load_dataset.hpp"
+#include "host/dataset/image.hpp"
+#include "host/dataset/load_dataset.hpp"
 #include "host/train/evaluate.hpp"
 #include "tools/commands.hpp"
 #include "tools/common/lpips_options.hpp"

@@ -5,15 +5,15 @@
 #include <map>
 #include <memory>
 
-#include "host/api/open_data.hpp"
-#include "host/api/proved_device.hpp"
-#include "host/api/training_data.hpp"
+#include "host/run/open_data.hpp"
+#include "host/run/proved_device.hpp"
+#include "host/run/training_run.hpp"
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
 #include "host/base/json.hpp"
 #include "host/base/text.hpp"
 #include "host/device/registry.hpp"
-#include "host/scene/settings.hpp"
+#include "host/settings/fields.hpp"
 #include "host/train/kernel_warm_up.hpp"
 #include "host/train/rank_plan.hpp"
 #include "host/train/run_settings.hpp"
@@ -70,42 +70,31 @@ int plan_render(PlanOptions& options) {
   return 0;
 }
 
-struct TrainingInput {
-  TrainSettings settings;
-  bool uses_defaults = false;  // `settings` are those that `ubs train` uses without --iterations and --budget
-  Dataset data;
-  Split train, test;
-};
-
-TrainingInput open_training(const PlanOptions& options) {
-  NewSettings run = resolve_new(options.settings);
-  TrainingInput in;
-  in.data = open_dataset(options.data, {"train", "test"}, run.settings, Images::load);
-  warn_skipped(in.data.report);
-  in.train = take_train(in.data, run.settings);
-  in.test = take_test(in.data, run.settings);
-  divide_by_unit(in.data, std::array{&in.train, &in.test}, run.settings.unit);
-  in.uses_defaults = run.fast.has_value();
-  in.settings =
-      in.uses_defaults ? default_settings(run, in.data, picture_facts(in.train, run.settings)) : run.settings;
-  return in;
+std::unique_ptr<TrainingRun> open_training(const PlanOptions& options) {
+  const TrainSettings asked = options.settings.resolve();
+  auto data =
+      std::make_shared<Dataset>(open_dataset(options.data, {"train", "test"}, asked, Images::load));
+  warn_skipped(data->report);
+  auto run = std::make_unique<TrainingRun>(std::move(data), asked);
+  run->warn_about_test();
+  return run;
 }
 
 int plan_train(const PlanOptions& options) {
-  const auto [settings, uses_defaults, data, train, test] = open_training(options);
-  const std::unique_ptr<Device> device = open_proved_device(options.device, training_use(settings));
-  const SplatModel initial = initial_model(data, train, in_unit(settings));
-  const RunPlan plan = plan_training(*device, in_unit(settings), train, test, initial);
+  const std::unique_ptr<TrainingRun> run = open_training(options);
+  const std::unique_ptr<Device> device = open_proved_device(options.device, run->use());
+  const RunPlan plan = plan_training(*device, run->plan(), run->train(), run->test(), run->initial());
+  const TrainSettings settings = run->plan().recorded();
   if (options.json) {
     Json json = planned_json(options, settings, *device, plan);
-    json["budget_seconds"] = uses_defaults ? Json(kDefaultSeconds) : Json();
+    json["budget_seconds"] = run->has_budget() ? Json(run->budget_from(0).seconds) : Json();
     print_json(json);
     return 0;
   }
-  if (uses_defaults)
-    say("schedule   {} iterations, at most {} splats (--iterations {} for the published schedule)\n"
+  if (run->has_budget())
+    say("schedule   {} iterations, at most {} splats\n"
         "           'ubs train' shortens this schedule if it would take longer than {}\n",
-        settings.iterations, settings.cap_max, kScheduleLength, duration_text(kDefaultSeconds));
+        settings.iterations, settings.cap_max, duration_text(run->budget_from(0).seconds));
   say_plan(*device, plan);
   return 0;
 }
@@ -154,15 +143,16 @@ RankCosts read_costs(const std::string& path) {
 
 int plan_ranks(const PlanOptions& options) {
   constexpr int kMaxMeasured = 1'000'000;  // maximum number of splats for the measurement
-  auto [settings, uses_defaults, data, train, test] = open_training(options);
-  settings = resolve_automatic(std::move(settings));
-  const std::unique_ptr<Device> device = open_proved_device(options.device, training_use(settings));
-  const MemoryQuestion memory = memory_question(settings, train, test, device->info(), 1);
-  const SplatModel initial = initial_model(data, train, in_unit(settings));
+  const std::unique_ptr<TrainingRun> run = open_training(options);
+  const Plan plan = run->plan();
+  const TrainSettings& settings = plan.settings();
+  const std::unique_ptr<Device> device = open_proved_device(options.device, run->use());
+  const MemoryQuestion memory = memory_question(settings, run->train(), run->test(), device->info(), 1);
+  const SplatModel initial = run->initial();
   const RankCosts costs =
       options.costs.empty()
           ? measure_rank_costs(
-                *device, in_unit(settings), train,
+                *device, settings, run->train(),
                 copies(initial, static_cast<std::size_t>(std::min(kMaxMeasured, settings.cap_max))))
           : read_costs(options.costs);
   std::vector<double> splats = options.splats;
@@ -220,7 +210,6 @@ Command add_plan(CLI::App& root) {
   const auto options = std::make_shared<PlanOptions>(*app);
   app->add_option("data,--data", options->data, "data folder, or packed file [with --model: data of its run]")
       ->type_name("DIR|FILE");
-  app->get_option("--dim")->description(kAutoDimHelp);
   CLI::Option* model = add_model_option(*app, "--model", options->model,
                                         "predict the rendering of this model or run instead of training");
   app->add_option("--split", options->split, "with --model: views of this split [test]")->type_name("NAME");

@@ -10,14 +10,14 @@
 #include <memory>
 #include <optional>
 
-#include "host/api/open_data.hpp"
-#include "host/api/proved_device.hpp"
-#include "host/api/run_cameras.hpp"
+#include "host/run/open_data.hpp"
+#include "host/run/proved_device.hpp"
+#include "host/run/run_cameras.hpp"
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
-#include "host/data/foreign_formats.hpp"
-#include "host/data/ply.hpp"
-#include "host/scene/settings.hpp"
+#include "host/formats/foreign_formats.hpp"
+#include "host/formats/ply.hpp"
+#include "host/settings/fields.hpp"
 #include "host/scene/slice.hpp"
 #include "host/train/evaluate.hpp"
 #include "host/train/run_settings.hpp"

@@ -6,8 +6,8 @@
 #include <string>
 #include <vector>
 
-#include "host/api/model_times.hpp"
-#include "host/api/reducer.hpp"
+#include "host/model/model_times.hpp"
+#include "host/model/reducer.hpp"
 #include "tools/common/output.hpp"
 
 namespace ubs::tools {
@@ -42,7 +42,7 @@ void print_summary(const ReductionReport& report, const std::string& file);
 
 // Returns a CSV table with one row per splat: its number of dimensions, the number of views in which it is
 // visible, its maximum weight, and for each smaller number of dimensions the members of DimensionEffect
-// (host/api/replacement.hpp).
+// (host/model/replacement.hpp).
 std::string effects_csv(const ReductionReport& report);
 
 }  // namespace ubs::tools

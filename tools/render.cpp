@@ -8,14 +8,14 @@
 #include <set>
 #include <span>
 
-#include "host/api/open_data.hpp"
-#include "host/api/picture.hpp"
+#include "host/run/open_data.hpp"
+#include "host/model/picture.hpp"
 #include "host/base/error.hpp"
-#include "host/data/grey_png.hpp"
-#include "host/data/image.hpp"
-#include "host/data/lens_image.hpp"
-#include "host/data/npy.hpp"
-#include "host/data/video_writer.hpp"
+#include "host/dataset/grey_png.hpp"
+#include "host/dataset/image.hpp"
+#include "host/dataset/lens_image.hpp"
+#include "host/dataset/npy.hpp"
+#include "host/dataset/video_writer.hpp"
 #include "tools/commands.hpp"
 #include "tools/common/interrupt.hpp"
 #include "tools/common/job.hpp"

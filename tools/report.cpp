@@ -6,13 +6,13 @@
 #include <filesystem>
 #include <memory>
 
-#include "host/api/open_data.hpp"
-#include "host/api/proved_device.hpp"
-#include "host/api/run_cameras.hpp"
+#include "host/run/open_data.hpp"
+#include "host/run/proved_device.hpp"
+#include "host/run/run_cameras.hpp"
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
 #include "host/base/paths.hpp"
-#include "host/data/splat_file.hpp"
+#include "host/formats/splat_file.hpp"
 #include "host/device/registry.hpp"
 #include "host/look/report/report_page.hpp"
 #include "host/look/web/page.hpp"

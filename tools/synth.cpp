@@ -3,7 +3,7 @@
 #include <CLI/CLI.hpp>
 #include <memory>
 
-#include "host/data/synthetic.hpp"
+#include "host/dataset/synthetic.hpp"
 #include "tools/commands.hpp"
 #include "tools/common/number_check.hpp"
 #include "tools/common/output.hpp"

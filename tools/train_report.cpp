@@ -3,10 +3,9 @@
 
 #include <algorithm>
 
-#include "host/api/open_data.hpp"
 #include "host/base/paths.hpp"
 #include "host/base/text.hpp"
-#include "host/scene/settings.hpp"
+#include "host/settings/fields.hpp"
 #include "tools/common/program_version.hpp"
 
 namespace ubs::tools {
@@ -55,12 +54,12 @@ std::string overfit_text(const Outcome& outcome) {
       train, above);
 }
 
-void print_start(const Dataset& data, const Split& train, const Split& test, const TrainSettings& settings,
-                 const Device& device) {
-  print_report(data.report);
-  const Camera& camera = train.views[0].camera;
-  say("{} train and {} test views of {}x{}, N = {}\ndevice   {}\n", train.views.size(), test.views.size(),
-      camera.width, camera.height, settings.dim, describe(device.info()));
+void print_start(const TrainingRun& run, const Device& device) {
+  print_report(run.report());
+  const Camera& camera = run.train().views[0].camera;
+  say("{} train and {} test views of {}x{}, N = {}\ndevice   {}\n", run.train().views.size(),
+      run.test().views.size(), camera.width, camera.height, run.plan().settings().dim,
+      describe(device.info()));
   flush_out();
 }
 
@@ -110,9 +109,10 @@ Json actual_json(Trainer& trainer, std::uint64_t peak_bytes, double spent) {
 
 }  // namespace
 
-Json run_json(const Start& start, const Device& device, std::uint64_t peak_bytes, double spent,
-              Trainer& trainer, const Outcome& outcome) {
-  TrainSettings settings = start.settings;
+Json run_json(const Start& start, TrainingRun& run, const Device& device, std::uint64_t peak_bytes,
+              double spent, const Outcome& outcome) {
+  Trainer& trainer = run.trainer();
+  TrainSettings settings = run.plan().recorded();
   Json json{{"version", version()},
             {"build", build_id()},
             {"data", start.data},

@@ -5,8 +5,7 @@
 #include <optional>
 #include <string>
 
-#include "host/data/load_dataset.hpp"
-#include "host/train/trainer.hpp"
+#include "host/run/training_run.hpp"
 #include "tools/common/output.hpp"
 #include "tools/common/run_folder.hpp"
 #include "tools/train_start.hpp"
@@ -32,15 +31,14 @@ inline constexpr std::size_t kMeasuredTrainViews = 8;
 // views, otherwise nothing.
 std::string overfit_text(const Outcome& outcome);
 
-void print_start(const Dataset& data, const Split& train, const Split& test, const TrainSettings& settings,
-                 const Device& device);
+void print_start(const TrainingRun& run, const Device& device);
 void print_summary(const Start& start, const RunFolder& folder, Trainer& trainer, const Outcome& outcome,
                    std::uint64_t peak_bytes, std::size_t renders);
 
 // Returns the main part of metrics.json. The caller adds further entries, such as storage_bytes, data_report
 // and the times before training. `peak_bytes` is the peak memory of training, and `spent` is the part of
 // Trainer::seconds() before the first iteration.
-Json run_json(const Start& start, const Device& device, std::uint64_t peak_bytes, double spent,
-              Trainer& trainer, const Outcome& outcome);
+Json run_json(const Start& start, TrainingRun& run, const Device& device, std::uint64_t peak_bytes,
+              double spent, const Outcome& outcome);
 
 }  // namespace ubs::tools

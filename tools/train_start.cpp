@@ -7,71 +7,16 @@
 #include <filesystem>
 #include <initializer_list>
 
-#include "host/api/same_run.hpp"
-#include "host/api/training_data.hpp"
+#include "host/run/same_run.hpp"
 #include "host/base/error.hpp"
 #include "host/base/paths.hpp"
-#include "host/data/splat_file.hpp"
+#include "host/base/text.hpp"
+#include "host/formats/splat_file.hpp"
 #include "tools/common/output.hpp"
 #include "tools/common/output_files.hpp"
 #include "tools/common/run_keeper.hpp"
 
 namespace ubs::tools {
-
-constexpr double kLeastBudget = 0.5;  // [s]; measuring steps and kMinIterations take longer on every device
-
-// Number of initial points that are searched for per second of the budget
-// (docs/results/2026-11-29-time-before-training.md).
-constexpr double kFoundPerSecond = 1000;
-
-// With --budget, the returned settings are those of fast runs. Without --budget and --iterations, the
-// settings of fast runs replace the returned ones as soon as the data are known.
-NewSettings resolve_new(const SettingsOptions& given, const std::string& budget) {
-  constexpr int kUnsaid = 0;
-  const bool asked = !budget.empty();
-  // Throws for a budget that is invalid or too short, before anything is loaded.
-  if (asked && time_budget_seconds(budget) < kLeastBudget)
-    fail(ErrorKind::usage, "--budget {}: training takes at least {:g} s: increase the budget", budget,
-         kLeastBudget);
-  const auto resolved = [&](TrainSettings base) {
-    base.dim = kAutoInt;
-    base.iterations = kUnsaid;
-    return given.resolve(base);
-  };
-  NewSettings run{.settings = resolved({}), .fast = {}};
-  const bool unsaid = run.settings.iterations == kUnsaid;
-  if (asked && !unsaid)
-    fail(ErrorKind::usage,
-         "--budget chooses the number of iterations: remove --budget or --iterations (in a file of settings, "
-         "the line 'iterations')");
-  if (!unsaid) return run;
-  run.settings.iterations = TrainSettings{}.iterations;
-  run.fast = resolved(fast_settings());
-  run.fast->iterations = run.settings.iterations;
-  if (!asked) return run;
-  if (!run.fast->chosen.contains("find_points"))
-    run.fast->find_points = static_cast<int>(
-        std::min(kFoundPerSecond * time_budget_seconds(budget), 1.0 * run.fast->find_points));
-  run.settings = *run.fast;
-  return run;
-}
-
-TrainSettings fast_base(const NewSettings& run) {
-  TrainSettings base = *run.fast;
-  base.dim = run.settings.dim;
-  base.variant = run.settings.variant;
-  base.background = run.settings.background;
-  base.random_background = run.settings.random_background;
-  base.unit = run.settings.unit;
-  base.conditioning_auto = false;
-  return base;
-}
-
-std::size_t points_of(const Dataset& data) { return data.points ? data.points->positions.size() : 0; }
-
-TrainSettings default_settings(const NewSettings& run, const Dataset& data, const PictureFacts& pictures) {
-  return fast_settings_for(fast_base(run), kDefaultIterations, points_of(data), pictures);
-}
 
 namespace {
 
@@ -137,7 +82,7 @@ Start start_of(const StartOptions& options, const SettingsOptions& given, bool h
   if (options.resume.empty()) {
     if (options.data.empty())
       fail(ErrorKind::usage, "no data folder given: ubs train FOLDER (see 'ubs train --help')");
-    Start start{resolve_new(given, options.budget)};
+    Start start{.settings = given.resolve()};
     if (!path_exists(options.data)) fail(ErrorKind::data, "{}: no such data folder", options.data);
     check_kind(options.data);
     start.data = options.data;
@@ -148,31 +93,35 @@ Start start_of(const StartOptions& options, const SettingsOptions& given, bool h
   }
   if (!options.out.empty() || options.overwrite)
     fail(ErrorKind::usage, "--resume continues in the folder of the run: remove --out and --overwrite");
-  std::optional<double> more_seconds;
-  if (!options.budget.empty()) {
-    if (!options.budget.starts_with('+'))
-      fail(ErrorKind::usage,
-           "--budget {0}: for a resumed run, pass the remaining time with a plus sign: --budget +{0}",
-           options.budget);
-    more_seconds = time_budget_seconds(options.budget.substr(1));
-  }
   auto lock = holds && is_folder(options.resume) ? std::make_unique<FolderLock>(options.resume) : nullptr;
+  const std::string budget = given.apply({}).budget;
+  std::optional<double> more_seconds;
+  if (budget != TrainSettings{}.budget) {
+    if (!budget.starts_with('+'))
+      fail(ErrorKind::usage,
+           "--budget {0}: for a resumed run, pass the remaining time with a plus sign: --budget +{0}", budget);
+    more_seconds = parse_duration(budget.substr(1), "budget");
+  }
   Checkpoint checkpoint = open_checkpoint(options.resume, more_seconds.has_value());
-  TrainSettings settings = given.resolve(checkpoint.settings);
+  TrainSettings settings = given.apply(checkpoint.settings);
+  settings.budget = checkpoint.settings.budget;
+  validate(settings);
   check_same_settings(checkpoint.settings, settings);
   if (more_seconds) {
     checkpoint.budget.seconds = checkpoint.state.seconds + *more_seconds;
     if (checkpoint.is_finished()) checkpoint.budget.most_iterations += checkpoint.state.iteration;
+    settings.work_shares = shares_until(settings, checkpoint.state.iteration);
   }
   // The checkpoint has fixed all settings. Those of reading do not count as set by the user, because the run
   // may be resumed with a packed copy of its data (open_data.cpp).
   for (const Field<TrainSettings>& field : train_fields())
     if (!(field.uses & kOfReading)) settings.chosen.insert(field.key);
-  return {{.settings = settings, .fast = {}},
+  return {settings,
           options.data.empty() ? checkpoint.data : options.data,
           options.resume,
           std::move(lock),
-          std::move(checkpoint)};
+          std::move(checkpoint),
+          more_seconds.has_value()};
 }
 
 }  // namespace ubs::tools

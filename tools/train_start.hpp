@@ -1,8 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Start contains the inputs of a training run: settings, data and output folder. It is made from the options
 // of `ubs train`, or from the checkpoint of a run that is resumed. The options must then agree with the data,
-// the device (except with --any-device) and the settings of that run. `ubs plan` uses it to determine the
-// settings of a new run.
+// the device (except with --any-device) and the settings of that run.
 #pragma once
 
 #include <filesystem>
@@ -11,30 +10,25 @@
 #include <string>
 
 #include "host/base/folder_lock.hpp"
-#include "host/data/load_dataset.hpp"
+#include "host/dataset/load_dataset.hpp"
 #include "host/device/device.hpp"
 #include "host/train/checkpoint.hpp"
-#include "host/train/fast_settings.hpp"
+#include "host/settings/train_settings.hpp"
 #include "tools/common/settings_options.hpp"
 
 namespace ubs::tools {
 
 struct StartOptions {
-  std::string data, out, resume, budget;  // out empty: a folder next to the data
+  std::string data, out, resume;  // out empty: a folder next to the data
   bool overwrite = false, any_device = false;
 };
 
-struct NewSettings {
-  TrainSettings settings;
-  // Set if the user did not choose the number of iterations; with --budget, the user cannot choose it. The
-  // final settings are made from these when the data are known.
-  std::optional<TrainSettings> fast;
-};
-
-struct Start : NewSettings {
+struct Start {
+  TrainSettings settings;  // as asked for; those of the checkpoint if a run is resumed
   std::string data, out;
   std::unique_ptr<FolderLock> lock;  // lock of the output folder
   std::optional<Checkpoint> checkpoint;
+  bool has_more_time = false;  // the resumed run gets another budget
 };
 
 // Throws an error with an explanation if the extension shows that the file is an image or a video.
@@ -44,21 +38,6 @@ void refuse_pictures(const std::filesystem::path& file);
 // writable), then NAME-ubs-2, and so on. A folder is free if it does not exist or was left by a run that
 // ended before its first step.
 std::filesystem::path free_output_folder(const std::filesystem::path& data);
-
-// Resolves the settings of a new run. If N is not given, the data determine it later. Throws Error(usage) for
-// an invalid budget, or for a budget together with iterations.
-NewSettings resolve_new(const SettingsOptions& given, const std::string& budget = {});
-// Returns `fast` with the settings that the data have determined since.
-TrainSettings fast_base(const NewSettings& run);
-std::size_t points_of(const Dataset& data);
-
-// If the user chooses neither iterations nor budget, a run ends after this many iterations or this many
-// seconds, whichever comes first. This number of iterations reaches the published quality
-// (docs/results/2026-11-22-long-schedules.md).
-inline constexpr int kDefaultIterations = 16000;
-inline constexpr double kDefaultSeconds = 900;
-// Returns the settings of a default run that completes all kDefaultIterations.
-TrainSettings default_settings(const NewSettings& run, const Dataset& data, const PictureFacts& pictures);
 
 // Collects the inputs of a run and locks the output folder. If N is not given, the data determine it later.
 // Throws Error(usage) for missing or conflicting options, for settings that differ from those of the run, and

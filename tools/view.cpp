@@ -8,7 +8,7 @@
 #include <cstdlib>
 #include <memory>
 
-#include "host/api/open_data.hpp"
+#include "host/run/open_data.hpp"
 #include "host/look/serve/live.hpp"
 #include "tools/commands.hpp"
 #include "tools/common/interrupt.hpp"

@@ -6,12 +6,12 @@
 #include <memory>
 #include <optional>
 
-#include "host/api/open_data.hpp"
-#include "host/api/proved_device.hpp"
+#include "host/run/open_data.hpp"
+#include "host/run/proved_device.hpp"
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
 #include "host/base/paths.hpp"
-#include "host/data/image.hpp"
+#include "host/dataset/image.hpp"
 #include "host/look/web/page.hpp"
 #include "host/look/web/steps.hpp"
 #include "tools/commands.hpp"

@@ -5,9 +5,12 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <charconv>
 #include <cmath>
 #include <numeric>
 #include <vector>
+
+#include "host/base/error.hpp"
 
 namespace ubs {
 namespace {
@@ -22,6 +25,16 @@ int digit_of(char c) {
 bool is_escape(std::string_view text, std::size_t at) {
   return text.substr(at, 2) == "\\x" && at + 4 <= text.size() && digit_of(text[at + 2]) >= 0 &&
          digit_of(text[at + 3]) >= 0;
+}
+
+// Returns the number of seconds of a unit of time, or 0 if the word is not a unit. An empty word means
+// seconds.
+double seconds_of_unit(std::string_view unit) {
+  const auto is = [&](auto... words) { return ((unit == words) || ...); };
+  if (is("", "s", "sec", "secs", "second", "seconds")) return 1;
+  if (is("m", "min", "mins", "minute", "minutes")) return 60;
+  if (is("h", "hr", "hrs", "hour", "hours")) return 3600;
+  return 0;
 }
 
 }  // namespace
@@ -125,6 +138,25 @@ std::string duration_text(double seconds) {
   if (s < 600) return fmt::format("{} min {} s", s / 60, s % 60);
   if (m < 60) return fmt::format("{} min", m);
   return fmt::format("{} h {} min", m / 60, m % 60);
+}
+
+double parse_duration(const std::string& text, std::string_view name) {
+  const char *at = text.data(), *const end = at + text.size();
+  double seconds = 0;
+  bool valid = at != end;
+  while (valid && at != end) {
+    double value = 0;
+    const auto result = std::from_chars(at, end, value);
+    const char* const unit = std::find_if(result.ptr, end, [](char c) { return c != ' '; });
+    at = std::find_if(unit, end, [](char c) { return c < 'a' || c > 'z'; });
+    const double factor = seconds_of_unit({unit, at});
+    at = std::find_if(at, end, [](char c) { return c != ' '; });
+    valid = result.ec == std::errc() && factor > 0 && value > 0 && std::isfinite(value);
+    seconds += value * factor;
+  }
+  if (!valid || seconds > 1e7)
+    fail(ErrorKind::usage, "{} '{}' must be a time such as 90s, 10m, 1.5h or 1h 30min", name, text);
+  return seconds;
 }
 
 }  // namespace ubs

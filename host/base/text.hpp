@@ -26,6 +26,10 @@ std::string decode_text(std::string_view text);
 // Returns a duration as text for the user, for example "4.2 s", "48 s", "6 min 5 s", "35 min" or "2 h 17
 // min".
 std::string duration_text(double seconds);
+// Converts a string such as "90", "90s", "10m", "2 min", "1.5h" or "1h30m" into seconds. Throws Error(usage)
+// with `name`, for example the name of an option, if the text is not a positive time, or if the time exceeds
+// 1e7 seconds.
+double parse_duration(const std::string& text, std::string_view name);
 
 // Returns the text, shortened to about 2000 bytes if it is longer. A shortened text consists of the start and
 // the end of the original, with the number of omitted bytes between them. This function is for messages that

@@ -5,7 +5,7 @@
 
 #include <span>
 
-#include "host/scene/train_settings.hpp"
+#include "host/settings/train_settings.hpp"
 #include "kernels/loss_weights.h"
 
 namespace ubs {

@@ -76,14 +76,6 @@ void scale_lengths(Split& split, double factor) {
   for (View& view : split.views) scale_lengths(view.camera, factor);
 }
 
-TrainSettings in_unit(TrainSettings settings) {
-  const double unit = std::exchange(settings.unit, 1);
-  if (unit == kAuto) return settings;
-  for (double* length : {&settings.near_plane, &settings.far_plane, &settings.init_extent})
-    if (*length != kAuto) *length /= unit;
-  return settings;
-}
-
 Split in_unit(const Split& split, double unit) {
   Split out{split.name, {}};
   for (const View& view : split.views) {

@@ -12,7 +12,6 @@
 #include "host/scene/dataset.hpp"
 #include "host/scene/point_cloud.hpp"
 #include "host/scene/splat_model.hpp"
-#include "host/scene/train_settings.hpp"
 
 namespace ubs {
 
@@ -33,9 +32,6 @@ void scale_lengths(Camera& camera, double factor);
 void scale_lengths(PointCloud& points, double factor);
 void scale_lengths(Split& split, double factor);
 
-// Returns the settings with their lengths divided by settings.unit, for training with cameras and points that
-// are divided by this unit. If the unit is automatic, no length is changed.
-TrainSettings in_unit(TrainSettings settings);
 // Returns the same views with the positions of the cameras divided by `unit`. The returned views refer to the
 // images that `split` holds in memory and do not copy them, so `split` must outlive the returned views.
 Split in_unit(const Split& split, double unit);

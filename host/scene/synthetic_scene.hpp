@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Scene is the interface of the built-in procedural scenes, from which host/data/synthetic.cpp renders
+// Scene is the interface of the built-in procedural scenes, from which host/dataset/synthetic.cpp renders
 // images. A scene computes the light along one ray.
 #pragma once
 

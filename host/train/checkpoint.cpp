@@ -15,7 +15,7 @@
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
 #include "host/base/json.hpp"
-#include "host/scene/settings.hpp"
+#include "host/settings/fields.hpp"
 
 namespace ubs {
 namespace {

@@ -14,7 +14,7 @@
 
 #include "host/cluster/communicator.hpp"
 #include "host/scene/dataset.hpp"
-#include "host/scene/train_settings.hpp"
+#include "host/settings/train_settings.hpp"
 #include "host/train/time_budget.hpp"
 #include "host/train/train_state.hpp"
 

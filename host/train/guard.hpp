@@ -14,7 +14,7 @@
 
 #include "host/device/device.hpp"
 #include "host/scene/splat_model.hpp"
-#include "host/scene/train_settings.hpp"
+#include "host/settings/train_settings.hpp"
 #include "host/train/nonfinite_source.hpp"
 #include "host/train/train_state.hpp"
 

@@ -11,7 +11,7 @@
 #include "host/train/evaluate.hpp"
 #include "host/train/pyramid.hpp"
 #include "host/train/run_settings.hpp"
-#include "host/train/schedule.hpp"
+#include "host/settings/schedule.hpp"
 #include "host/train/target_loss.hpp"
 
 namespace ubs {
@@ -146,11 +146,11 @@ SplatModel copies(const SplatModel& model, std::size_t target) {
   return grown;
 }
 
-double view_seconds(Device& device, const TrainSettings& settings, const Split& train,
+double view_seconds(Device& device, const Plan& plan, const Split& train,
                     const SplatModel& model) {
   constexpr std::size_t kMaxMeasured = 200'000;
   constexpr int kTimes = 5;
-  KernelWarmUp warm_up(device, settings, train.views[0], copies(model, std::min(model.count, kMaxMeasured)));
+  KernelWarmUp warm_up(device, plan.settings(), train.views[0], copies(model, std::min(model.count, kMaxMeasured)));
   double least = std::numeric_limits<double>::infinity();
   for (int i = 0; i < kTimes; ++i) {
     const Stopwatch watch;
@@ -161,8 +161,9 @@ double view_seconds(Device& device, const TrainSettings& settings, const Split& 
   return least;
 }
 
-void build_kernels(Device& device, const TrainSettings& settings, const Split& train, const Split& test,
+void build_kernels(Device& device, const Plan& plan, const Split& train, const Split& test,
                    const SplatModel& initial, ImageMetrics* more) {
+  const TrainSettings& settings = plan.settings();
   if (initial.count == 0) return;
   const SplatModel few = copies(initial, std::min(initial.count, kFewSplats));
   const int coarsest = pyramid_levels(settings, train).front().factor;

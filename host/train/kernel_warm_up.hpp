@@ -12,7 +12,7 @@
 #include "host/pipeline/device_model.hpp"
 #include "host/pipeline/image_metrics.hpp"
 #include "host/scene/dataset.hpp"
-#include "host/scene/train_settings.hpp"
+#include "host/settings/settle.hpp"
 #include "host/train/target_images.hpp"
 
 namespace ubs {
@@ -50,13 +50,13 @@ SplatModel copies(const SplatModel& model, std::size_t target);
 // Returns the seconds that KernelWarmUp::learn() takes on this device with the first view of `train`. This is
 // the minimum of several measurements. The result is only used to compare devices, so at most 200 000 splats
 // are measured.
-double view_seconds(Device& device, const TrainSettings& settings, const Split& train,
+double view_seconds(Device& device, const Plan& plan, const Split& train,
                     const SplatModel& model);
 
 // Makes the device compile every kernel that training with these splits and the initial model `initial` can
 // launch, including the evaluation with `more`. Throws the same errors as the first training steps, and
 // Error(memory) if a later part of training certainly does not fit into memory.
-void build_kernels(Device& device, const TrainSettings& settings, const Split& train, const Split& test,
+void build_kernels(Device& device, const Plan& plan, const Split& train, const Split& test,
                    const SplatModel& initial, ImageMetrics* more = nullptr);
 
 }  // namespace ubs

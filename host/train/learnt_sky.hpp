@@ -6,7 +6,7 @@
 #include <span>
 #include <vector>
 
-#include "host/scene/train_settings.hpp"
+#include "host/settings/train_settings.hpp"
 #include "host/train/guard.hpp"
 #include "host/train/view_passes.hpp"
 

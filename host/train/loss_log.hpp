@@ -9,7 +9,7 @@
 #include "host/base/error.hpp"
 #include "host/device/device.hpp"
 #include "host/device/loss_weights.hpp"
-#include "host/scene/train_settings.hpp"
+#include "host/settings/train_settings.hpp"
 
 namespace ubs {
 

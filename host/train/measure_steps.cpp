@@ -16,7 +16,8 @@ constexpr double kEnoughSeconds = 0.03;
 
 }  // namespace
 
-TrainSettings measuring_settings(TrainSettings s, std::size_t most) {
+Plan measuring_plan(const Plan& plan, std::size_t most) {
+  TrainSettings s = plan.recorded();
   s.refine.end = s.refine.first;
   s.iterations = kEndless;
   s.work_shares.clear();
@@ -24,7 +25,7 @@ TrainSettings measuring_settings(TrainSettings s, std::size_t most) {
   s.log_every = 1;  // so that each step reports its time
   s.cap_max = static_cast<int>(most);
   if (s.on_nan != OnNan::off) s.on_nan = OnNan::stop;
-  return s;
+  return Plan(s);
 }
 
 std::vector<double> step_times(Trainer& trainer, const Split& train, TrainState state) {
@@ -60,18 +61,18 @@ TrainState first_state(const Trainer& trainer, SplatModel model, const TrainSett
   return state;
 }
 
-std::vector<StepCost> measure_steps(Device& device, const TrainSettings& settings, const Split& train,
+std::vector<StepCost> measure_steps(Device& device, const Plan& plan, const Split& train,
                                     const SplatModel& initial, std::size_t most) {
   const Split none{"test", {}};
-  const TrainSettings measuring = measuring_settings(settings, most);
+  const Plan measuring = measuring_plan(plan, most);
   Trainer trainer(device, measuring, train, none, initial);
   const std::vector<double> few = step_times(trainer, train, trainer.state());
   std::vector<double> many = few;
   if (most > initial.count)
-    many = step_times(trainer, train, first_state(trainer, copies(initial, most), measuring));
+    many = step_times(trainer, train, first_state(trainer, copies(initial, most), measuring.settings()));
   const auto begin = static_cast<double>(initial.count), end = static_cast<double>(most);
   std::vector<StepCost> costs;
-  const std::vector<PyramidLevel> levels = pyramid_levels(settings, train);
+  const std::vector<PyramidLevel> levels = pyramid_levels(plan.settings(), train);
   for (std::size_t k = 0; k < levels.size(); ++k) {
     const double each = most > initial.count ? std::max(0.0, many[k] - few[k]) / (end - begin) : 0;
     costs.push_back({levels[k].factor, few[k] - each * begin, each, 0});

@@ -11,20 +11,20 @@
 
 namespace ubs {
 
-// Returns settings for measuring the time of the training steps that `settings` describe. A run with the
-// returned settings does not refine, so its number of splats, which must be at most `most`, stays the same.
-// It has so many iterations that the measurement never reaches its end.
-TrainSettings measuring_settings(TrainSettings settings, std::size_t most);
+// Returns a plan for measuring the time of the training steps of `plan`. A run with the returned plan does not
+// refine, so its number of splats, which must be at most `most`, stays the same. It has so many iterations that
+// the measurement never reaches its end.
+Plan measuring_plan(const Plan& plan, std::size_t most);
 
 // Returns the milliseconds per step for each level of the image pyramid, for steps that start from `state`.
 // Each value is the mean of several steps with different views. `trainer` must have been created with
-// measuring_settings().
+// measuring_plan().
 std::vector<double> step_times(Trainer& trainer, const Split& train, TrainState state);
 
 // Returns the costs of a step on each level of the image pyramid. The costs are computed from two
 // measurements: one with the splats of `initial`, and one with `most` splats, which are copies of these
 // splats. If `most` is not larger than the number of initial splats, only the first measurement is made.
-std::vector<StepCost> measure_steps(Device& device, const TrainSettings& settings, const Split& train,
+std::vector<StepCost> measure_steps(Device& device, const Plan& plan, const Split& train,
                                     const SplatModel& initial, std::size_t most);
 
 // Returns the current state of `trainer` with the splats of `model` instead of its own. All moments and loss

@@ -16,7 +16,7 @@
 #include "host/train/kernel_warm_up.hpp"
 #include "host/train/measure_steps.hpp"
 #include "host/train/run_settings.hpp"
-#include "host/train/schedule.hpp"
+#include "host/settings/schedule.hpp"
 
 namespace ubs {
 namespace {
@@ -206,9 +206,9 @@ std::string fit_text(const RunPlan& plan, const DeviceInfo& device) {
   return why.empty() ? "fits" : "does not fit: " + why;
 }
 
-RunPlan plan_training(Device& device, const TrainSettings& asked, const Split& train, const Split& test,
+RunPlan plan_training(Device& device, const Plan& training, const Split& train, const Split& test,
                       const SplatModel& initial) {
-  const TrainSettings settings = resolve_automatic(asked);
+  const TrainSettings& settings = training.settings();
   const Schedule schedule(settings, initial.count);
   RunPlan plan;
   plan.iterations = settings.iterations;
@@ -229,7 +229,7 @@ RunPlan plan_training(Device& device, const TrainSettings& asked, const Split& t
     plan.levels.push_back(
         {level.factor, schedule.work().iteration_at(level.until * schedule.work().steps()), 0, 0});
   const Split none{"test", {}};
-  const TrainSettings measuring = measuring_settings(settings, plan.end.splats);
+  const Plan measuring = measuring_plan(training, plan.end.splats);
   Trainer trainer(device, measuring, train, none, initial);
   const std::vector<std::uint64_t> counts =
       count_views(trainer.scene().renderer(), trainer.scene().device_model().view(),
@@ -246,7 +246,7 @@ RunPlan plan_training(Device& device, const TrainSettings& asked, const Split& t
     try {
       if (plan.end.splats > kMaxCopied)
         fail(ErrorKind::memory, "the estimate supports at most {} splats", kMaxCopied);
-      measure_end(trainer, measuring, train, initial, views, counts, plan);
+      measure_end(trainer, measuring.settings(), train, initial, views, counts, plan);
     } catch (const Error& error) {
       if (error.kind() != ErrorKind::memory) throw;
       scale_end(plan);
@@ -261,8 +261,10 @@ RunPlan plan_training(Device& device, const TrainSettings& asked, const Split& t
   return plan;
 }
 
-RunPlan plan_rendering(Device& device, const TrainSettings& settings, const Split& split,
+RunPlan plan_rendering(Device& device, const TrainSettings& drawing, const Split& split,
                        const MixedModel& model, bool depth) {
+  TrainSettings settings = drawing;
+  settings.dim = model.dim();
   RunPlan plan;
   plan.start.splats = plan.end.splats = static_cast<std::uint32_t>(model.count());
   MemoryQuestion question = memory_question(settings, split, {"", {}}, device.info(), model.count());

@@ -14,7 +14,7 @@
 #include "host/pipeline/renderer.hpp"
 #include "host/scene/dataset.hpp"
 #include "host/scene/mixed_model.hpp"
-#include "host/scene/train_settings.hpp"
+#include "host/settings/settle.hpp"
 #include "host/train/pyramid.hpp"
 
 namespace ubs {
@@ -63,7 +63,7 @@ std::string fit_text(const RunPlan& plan, const DeviceInfo& device);
 
 // Estimates a training run. Throws Error(memory) if training would run out of memory before its first
 // iteration.
-RunPlan plan_training(Device& device, const TrainSettings& settings, const Split& train, const Split& test,
+RunPlan plan_training(Device& device, const Plan& training, const Split& train, const Split& test,
                       const SplatModel& initial);
 
 // Estimates the time and the memory for rendering the views of a split in their order. `depth` is true if the

@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "host/scene/dataset.hpp"
-#include "host/train/work_share.hpp"
+#include "host/settings/work_share.hpp"
 
 namespace ubs {
 

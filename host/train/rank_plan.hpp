@@ -10,7 +10,7 @@
 #include "host/pipeline/memory_plan.hpp"
 #include "host/scene/dataset.hpp"
 #include "host/scene/splat_model.hpp"
-#include "host/scene/train_settings.hpp"
+#include "host/settings/train_settings.hpp"
 
 namespace ubs {
 

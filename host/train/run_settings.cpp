@@ -9,7 +9,7 @@
 #include "host/device/operations.hpp"
 #include "host/device/tuning.hpp"
 #include "host/scene/frozen_groups.hpp"
-#include "host/scene/settings.hpp"
+#include "host/settings/fields.hpp"
 #include "host/scene/splat_model.hpp"
 #include "host/train/target_images.hpp"
 
@@ -92,20 +92,6 @@ std::vector<std::string> kernel_assignments(const TrainSettings& settings) {
 bool lists_uncounted(const TrainSettings& settings, const DeviceInfo& device) {
   return settings.list_counts == ListCounts::bound ||
          (settings.list_counts == ListCounts::automatic && device.type != DeviceType::cpu);
-}
-
-// The values for Gaussians have these reasons. Pixels where the alpha of a Gaussian is below 1/255 contribute
-// no gradient, so opacities must not decrease faster than the sizes of splats can adapt. lr_opacity = 0.025
-// is the rate that 3DGS uses today. For scales, 3DGS uses a rate of 0.005 (for ln sigma), but it starts from
-// the points of a reconstruction. With random points on lego_200, training is faster with 0.02
-// (docs/results/2026-11-21-accuracy.md).
-TrainSettings resolve_automatic(TrainSettings s) {
-  const bool gaussian = s.variant.kernel == SpatialKernel::gaussian;
-  if (s.noise_lr == kAuto) s.noise_lr = has_time(s.dim) ? 1.0 : 1e6;
-  if (s.lr_rgb == kAuto) s.lr_rgb = s.variant.colour == ColourMode::rgb ? 1e-3 : 2.5e-3;
-  if (s.lr_opacity == kAuto) s.lr_opacity = gaussian ? 0.025 : 0.05;
-  if (s.lr_scale == kAuto) s.lr_scale = gaussian ? 0.02 : 0.005;
-  return s;
 }
 
 MemoryQuestion memory_question(const TrainSettings& settings, const Split& train, const Split& test,

@@ -11,7 +11,7 @@
 #include "host/pipeline/renderer.hpp"
 #include "host/scene/dataset.hpp"
 #include "host/scene/initialise.hpp"
-#include "host/scene/train_settings.hpp"
+#include "host/settings/train_settings.hpp"
 
 namespace ubs {
 
@@ -40,13 +40,6 @@ bool lists_uncounted(const TrainSettings& settings, const DeviceInfo& device);
 // into kernels: alpha_min, query_grad, math and freeze. N, `raster` and the variant of the model are not
 // included.
 std::vector<std::string> kernel_assignments(const TrainSettings& settings);
-
-// Replaces "auto" in the fields whose values depend on other settings. noise_lr becomes 1 for models with
-// time, otherwise 1e6. lr_rgb becomes 1e-3, or 2.5e-3 for spherical harmonics and lobes. lr_opacity becomes
-// 0.05, or 0.025 for the kernel gaussian. lr_scale becomes 0.005, or 0.02 for the kernel gaussian. dim must
-// be a number. (For static scenes with an automatic unit, host/api/training_data.cpp sets noise_lr to 1.6e7
-// before this function is called.)
-TrainSettings resolve_automatic(TrainSettings settings);
 
 // Returns the input of plan_memory() for training with at most `splats` splats on these views. The number of
 // intersections is set to 0.

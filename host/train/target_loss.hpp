@@ -4,7 +4,7 @@
 #pragma once
 
 #include "host/pipeline/renderer.hpp"
-#include "host/scene/train_settings.hpp"
+#include "host/settings/train_settings.hpp"
 #include "host/train/target_images.hpp"
 
 namespace ubs {

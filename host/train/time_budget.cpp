@@ -4,7 +4,6 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <charconv>
 #include <cmath>
 
 #include "host/base/error.hpp"
@@ -30,39 +29,10 @@ constexpr double kSweepTimes = 2;
 // multiple of it.
 constexpr double kSpareSplats = 2;
 
-// Returns the number of seconds of a unit of time, or 0 if the word is not a unit. An empty word means
-// seconds.
-double seconds_of_unit(std::string_view unit) {
-  const auto is = [&](auto... words) { return ((unit == words) || ...); };
-  if (is("", "s", "sec", "secs", "second", "seconds")) return 1;
-  if (is("m", "min", "mins", "minute", "minutes")) return 60;
-  if (is("h", "hr", "hrs", "hour", "hours")) return 3600;
-  return 0;
-}
-
 // Rounds a share to a few digits, to keep config.yaml readable.
 double rounded_share(double share) { return std::stod(fmt::format("{:.6f}", share)); }
 
 }  // namespace
-
-double time_budget_seconds(const std::string& text, std::string_view name) {
-  const char *at = text.data(), *const end = at + text.size();
-  double seconds = 0;
-  bool valid = at != end;
-  while (valid && at != end) {
-    double value = 0;
-    const auto result = std::from_chars(at, end, value);
-    const char* const unit = std::find_if(result.ptr, end, [](char c) { return c != ' '; });
-    at = std::find_if(unit, end, [](char c) { return c < 'a' || c > 'z'; });
-    const double factor = seconds_of_unit({unit, at});
-    at = std::find_if(at, end, [](char c) { return c != ' '; });
-    valid = result.ec == std::errc() && factor > 0 && value > 0 && std::isfinite(value);
-    seconds += value * factor;
-  }
-  if (!valid || seconds > 1e7)
-    fail(ErrorKind::usage, "{} '{}' must be a time such as 90s, 10m, 1.5h or 1h 30min", name, text);
-  return seconds;
-}
 
 double StepCost::step_ms(double splats) const {
   return std::max(fixed_ms + each_ms * splats, kMinStepShare * fixed_ms);
@@ -133,17 +103,24 @@ void use_speed(TimeBudget& budget, const TrainSettings& settings, const Split& t
     budget.costs.push_back({.factor = level.factor, .fixed_ms = full_ms * pixels(level.factor)});
 }
 
-double expected_seconds(int iterations, const std::vector<StepCost>& costs, const TrainSettings& base,
-                        const Split& train, std::size_t points, const PictureFacts& pictures) {
-  const TrainSettings s = fast_settings_for(base, iterations, points, pictures);
-  const WorkTime time(costs, Schedule(s, first_splats(s, points)), pyramid_levels(s, train));
+TrainSettings with_iterations(TrainSettings asked, const Facts& facts, int iterations) {
+  asked.find_points = points_to_find(asked, facts.moves);  // depends on the budget
+  asked.iterations = iterations;
+  asked.budget = "none";
+  return asked;
+}
+
+double expected_seconds(int iterations, const std::vector<StepCost>& costs, const TrainSettings& asked,
+                        const Facts& facts, const Split& train) {
+  const TrainSettings s = settle(with_iterations(asked, facts, iterations), facts).plan.settings();
+  const WorkTime time(costs, Schedule(s, first_splats(s, facts)), pyramid_levels(s, train));
   return iterations * time.steps_left(0) + time.sweeps_left(0);
 }
 
-BudgetedRun choose_iterations(TimeBudget budget, const TrainSettings& base, const Split& train,
-                              std::size_t points, const PictureFacts& pictures) {
+BudgetedRun choose_iterations(TimeBudget budget, const TrainSettings& asked, const Facts& facts,
+                              const Split& train) {
   const auto seconds = [&](int iterations) {
-    return expected_seconds(iterations, budget.costs, base, train, points, pictures);
+    return expected_seconds(iterations, budget.costs, asked, facts, train);
   };
   const double least = seconds(kMinIterations);
   if (least > budget.seconds)
@@ -164,7 +141,7 @@ BudgetedRun choose_iterations(TimeBudget budget, const TrainSettings& base, cons
     (budget.spent + seconds(middle) <= budget.seconds ? fits : beyond) = middle;
   }
   budget.first_iterations = fits;
-  return {fast_settings_for(base, fits, points, pictures), std::move(budget)};
+  return {settle(with_iterations(asked, facts, fits), facts), std::move(budget)};
 }
 
 BudgetPace::BudgetPace(TimeBudget budget, const TrainSettings& settings, const Split& train,

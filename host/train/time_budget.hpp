@@ -10,16 +10,12 @@
 #include <vector>
 
 #include "host/scene/dataset.hpp"
-#include "host/train/fast_settings.hpp"
+#include "host/settings/settle.hpp"
 #include "host/train/pyramid.hpp"
-#include "host/train/schedule.hpp"
+#include "host/settings/schedule.hpp"
 #include "host/train/train_state.hpp"
 
 namespace ubs {
-
-// Converts a string such as "90", "90s", "10m", "2 min", "1.5h" or "1h30m" into seconds. Throws Error(usage)
-// if the text is not a positive time, or if the time exceeds 1e7 seconds.
-double time_budget_seconds(const std::string& text, std::string_view name = "budget");
 
 // StepCost holds the times of training with images that are reduced by `factor`. A step takes fixed_ms plus
 // each_ms for every splat, but at least a tenth of fixed_ms. If cameras are refined, a sweep over all cameras
@@ -58,7 +54,7 @@ class WorkTime {
 std::string shares_until(const TrainSettings& settings, int iteration);
 
 // The share of the work at which the last part of the schedule begins. With the settings that
-// fast_settings_for() chooses, this part has no refinement, and its learning rates decrease to 0. It uses
+// the schedule fast chooses, this part has no refinement, and its learning rates decrease to 0. It uses
 // full-size images, except in runs with the image pyramids for large images or for few uses of each image,
 // which can use reduced images up to a share of 0.95. A run that must end early skips to this part
 // (BudgetPace::complete), because this is better than going through the whole remaining schedule in a short
@@ -90,22 +86,23 @@ void use_speed(TimeBudget& budget, const TrainSettings& settings, const Split& t
 // Minimum number of iterations of a run with a time budget. Fewer iterations give no usable model.
 inline constexpr int kMinIterations = 100;
 
-// Returns the estimated seconds of a run of `iterations` iterations with the measured costs. The other
-// arguments have the same meaning as for choose_iterations().
-double expected_seconds(int iterations, const std::vector<StepCost>& costs, const TrainSettings& base,
-                        const Split& train, std::size_t points, const PictureFacts& pictures = {});
+// Returns the estimated seconds of a run of `iterations` iterations of the training views, with the measured
+// costs.
+double expected_seconds(int iterations, const std::vector<StepCost>& costs, const TrainSettings& asked,
+                        const Facts& facts, const Split& train);
 
-// choose_iterations() chooses the number of iterations that is expected to fit into a time budget, and
-// returns the settings for it. It also sets first_iterations of the returned budget. `points` is the number
-// of initial points of the data; if it is 0, the initial splats are placed at random. Throws Error(usage) if
-// the whole budget is too short for kMinIterations. If only the time that is left of the budget is too short,
-// prints a warning and extends the budget.
+// Returns the settings asked for, with this number of iterations instead of a budget.
+TrainSettings with_iterations(TrainSettings asked, const Facts& facts, int iterations);
+// choose_iterations() chooses the number of iterations that is expected to fit into a time budget, and settles
+// the settings for it. It also sets first_iterations of the returned budget. Throws Error(usage) if the whole
+// budget is too short for kMinIterations. If only the time that is left of the budget is too short, prints a
+// warning and extends the budget.
 struct BudgetedRun {
-  TrainSettings settings;
+  Settled settled;
   TimeBudget budget;
 };
-BudgetedRun choose_iterations(TimeBudget budget, const TrainSettings& base, const Split& train,
-                              std::size_t points, const PictureFacts& pictures = {});
+BudgetedRun choose_iterations(TimeBudget budget, const TrainSettings& asked, const Facts& facts,
+                              const Split& train);
 
 // BudgetPace keeps a run within its time budget.
 class BudgetPace {

@@ -12,13 +12,12 @@
 namespace ubs {
 namespace {
 
-// Returns the settings for a run that starts from this model. Automatic values are resolved, and cap_max is
-// increased to the number of splats of the model if it is smaller.
+// Returns the settings for a run that starts from this model: cap_max is increased to the number of splats of
+// the model if it is smaller.
 TrainSettings settings_for(TrainSettings settings, const SplatModel& initial, const Communicator& ranks) {
   check_initial(settings, initial);
   if (ranks.size() > 1 && settings.refine_cameras != RefineCameras::none)
     fail(ErrorKind::usage, "refine_cameras is not supported with several MPI processes");
-  settings = resolve_automatic(std::move(settings));
   settings.cap_max = std::max(settings.cap_max, static_cast<int>(initial.count));
   return settings;
 }

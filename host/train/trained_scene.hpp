@@ -14,11 +14,11 @@
 #include "host/cluster/communicator.hpp"
 #include "host/pipeline/memory_plan.hpp"
 #include "host/scene/dataset.hpp"
-#include "host/scene/train_settings.hpp"
+#include "host/settings/train_settings.hpp"
 #include "host/train/learnt_sky.hpp"
 #include "host/train/loss_log.hpp"
 #include "host/train/run_settings.hpp"
-#include "host/train/schedule.hpp"
+#include "host/settings/schedule.hpp"
 #include "host/train/shared_view_passes.hpp"
 #include "host/train/timed_stages.hpp"
 #include "host/train/train_state.hpp"
@@ -34,12 +34,11 @@ struct DrawLoss {
 
 class TrainedScene {
  public:
-  // The arguments are those of the constructor of Trainer.
+  // The arguments are those of the constructor of Trainer; `settings` are those of its plan.
   TrainedScene(Device& device, const TrainSettings& settings, const Split& train, const Split& test,
                const SplatModel& initial, Communicator& ranks, const TimeSource& time);
 
-  // settings() returns the settings of the run, in which automatic values are resolved. schedule() returns
-  // the schedule that they describe.
+  // schedule() returns the schedule that the settings describe.
   const TrainSettings& settings() const { return schedule_.settings(); }
   const Schedule& schedule() const { return schedule_; }
   // Changes the schedule. Only iterations, work_shares and growth_end may differ from the current settings.

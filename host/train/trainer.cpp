@@ -31,13 +31,20 @@ class TrainingClock {
 
 }  // namespace
 
-Trainer::Trainer(Device& device, const TrainSettings& settings, const Split& train, const Split& test,
+Trainer::Trainer(Device& device, const Plan& plan, const Split& train, const Split& test,
                  const SplatModel& initial, Communicator& ranks, const TimeSource& time)
     : time_(time),
+      plan_(plan),
       device_(device),
-      scene_(device, settings, train, test, initial, ranks, time),
+      scene_(device, plan.settings(), train, test, initial, ranks, time),
       length_(scene_, progress_, static_cast<std::uint32_t>(initial.count)),
       guard_(device, this->settings().on_nan) {}
+
+Plan Trainer::plan() const {
+  Plan now = plan_;
+  now.set_length(settings());
+  return now;
+}
 
 // ---- The run ----
 

@@ -49,14 +49,15 @@ struct StateSaving {
 
 class Trainer {
  public:
-  // `train` must have images; `test` may be empty. All references must outlive the trainer.
+  // `train` must have images; `test` may be empty. Lengths in them, and in `initial`, are in units of the
+  // training (Plan::unit). All references must outlive the trainer.
   // With several ranks, the splats and the views are divided among them, and the results are bit-identical to
   // those of one process (docs/cluster.md). All ranks must construct the same trainer, call run(), and make
   // the same calls of the other methods whose comments say that all ranks must call them. If the on_step() of
   // any rank returns false, all ranks stop.
   // `time` is the clock that measures the training time.
-  Trainer(Device& device, const TrainSettings& settings, const Split& train, const Split& test,
-          const SplatModel& initial, Communicator& ranks = alone(), const TimeSource& time = steady_time());
+  Trainer(Device& device, const Plan& plan, const Split& train, const Split& test, const SplatModel& initial,
+          Communicator& ranks = alone(), const TimeSource& time = steady_time());
 
   // Trains until the last iteration. on_step is called after every iteration and may return false to stop the
   // training. If an Error is thrown and state_is_whole() returns true, the state is that of the last
@@ -64,7 +65,7 @@ class Trainer {
   // settings.on_nan requests otherwise (docs/training.md).
   void run(const std::function<bool(const StepReport&)>& on_step);
 
-  // Adapts the length of the run to a time budget. The settings must be those that choose_iterations() has
+  // Adapts the length of the run to a time budget. The plan must be the one that choose_iterations() has
   // returned for this budget. In a run that was started without a budget, the budget has no costs, and they
   // are estimated from the speed so far. The members iterations, work_shares and growth_end of settings()
   // then change during the run. Must be called before the first iteration, or before run() continues a
@@ -84,8 +85,10 @@ class Trainer {
   void go_on_for(double seconds);
   // Returns the progress of the run when complete_in() took effect, or nothing if it did not.
   const std::optional<TrainProgress>& completed_from() const { return completed_from_; }
-  // Returns the settings of the run, in which automatic values are resolved.
+  // Returns the settings of the run, with lengths in units of the training, and the plan with the length that
+  // the run has now.
   const TrainSettings& settings() const { return scene_.settings(); }
+  Plan plan() const;
   // Returns the scene as trained so far. The caller must not perform iterations with it.
   TrainedScene& scene() { return scene_; }
   const TrainedScene& scene() const { return scene_; }
@@ -145,6 +148,7 @@ class Trainer {
   void answer(const NonFiniteEvent& event, TrainState state);
 
   const TimeSource& time_;
+  const Plan plan_;
   Device& device_;
   TrainedScene scene_;
   TrainProgress progress_;

@@ -12,7 +12,7 @@
 
 #include "host/pipeline/renderer.hpp"
 #include "host/scene/dataset.hpp"
-#include "host/scene/train_settings.hpp"
+#include "host/settings/train_settings.hpp"
 #include "host/train/camera_refiner.hpp"
 #include "host/train/pyramid.hpp"
 #include "host/train/target_images.hpp"

@@ -6,8 +6,8 @@
 #include <nlohmann/json.hpp>
 #include <string>
 
-#include "host/data/model_notes.hpp"
-#include "host/data/ply.hpp"
+#include "host/formats/model_notes.hpp"
+#include "host/formats/ply.hpp"
 #include "host/lab/bench/bench_scene.hpp"
 #include "tests/support/made_scene.hpp"
 #include "tests/support/run_ubs.hpp"

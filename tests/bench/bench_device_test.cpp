@@ -13,6 +13,7 @@
 #include "tests/support/device_fixture.hpp"
 #include "tests/support/temp_folder.hpp"
 #include "tests/support/whole_sweep.hpp"
+#include "tests/support/published.hpp"
 
 namespace ubs {
 namespace {
@@ -72,7 +73,7 @@ TEST_CASE("memory plan: rendering and a growing model allocate what was predicte
       CHECK(ratio > 0.99);  // the ratio observed on PoCL is 1.000
       CHECK(ratio < 1.01);
     }
-    TrainSettings settings;
+    TrainSettings settings = test::published();
     settings.iterations = 100;
     settings.init_points = 1000;
     settings.cap_max = 8000;
@@ -81,7 +82,7 @@ TEST_CASE("memory plan: rendering and a growing model allocate what was predicte
     const Split none{"test", {}};
     const BenchScene start = random_start(6, 1000, 120, 90);
     device->reset_peak();
-    Trainer trainer(*device, settings, start.views, none, start.model);
+    Trainer trainer(*device, settle(settings), start.views, none, start.model);
     trainer.run([](const StepReport&) { return true; });
     const MemoryPlan plan = trainer.memory_plan();
     const double ratio =
@@ -125,7 +126,7 @@ TEST_CASE("bench: the setting alpha_min applies to single stages and to whole it
     const auto of_step = [&](const TrainSettings& settings) {
       return StepBench(*device, scene, RasterKind::cpu, settings).totals().intersections;
     };
-    TrainSettings settings;
+    TrainSettings settings = test::published();
     settings.alpha_min = 0.1;
     CHECK(of_step(settings) < of_step({}));
     const auto of_iteration = [&](const TrainSettings& work) {

@@ -6,7 +6,7 @@
 #include <nlohmann/json.hpp>
 #include <random>
 
-#include "host/data/npy.hpp"
+#include "host/dataset/npy.hpp"
 #include "host/lab/bench/bench_scene.hpp"
 #include "host/lab/bench/report.hpp"
 #include "host/lab/oracle/oracle.hpp"

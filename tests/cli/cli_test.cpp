@@ -10,9 +10,9 @@
 #include <string>
 #include <thread>
 
-#include "host/data/image.hpp"
-#include "host/data/npy.hpp"
-#include "host/data/ply.hpp"
+#include "host/dataset/image.hpp"
+#include "host/dataset/npy.hpp"
+#include "host/formats/ply.hpp"
 #include "host/scene/initialise.hpp"
 #include "tests/support/made_scene.hpp"
 #include "tests/support/run_ubs.hpp"

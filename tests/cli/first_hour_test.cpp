@@ -11,9 +11,9 @@
 #include <set>
 #include <sstream>
 
-#include "host/data/image.hpp"
-#include "host/data/ply.hpp"
-#include "host/data/splat_file.hpp"
+#include "host/dataset/image.hpp"
+#include "host/formats/ply.hpp"
+#include "host/formats/splat_file.hpp"
 #include "tests/support/made_scene.hpp"
 #include "tests/support/run_ubs.hpp"
 #include "tests/support/whole_sweep.hpp"

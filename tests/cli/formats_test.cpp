@@ -4,10 +4,10 @@
 #include <cstdlib>
 #include <nlohmann/json.hpp>
 
-#include "host/data/foreign_formats.hpp"
-#include "host/data/ply.hpp"
-#include "host/data/splat_file.hpp"
-#include "host/data/zip.hpp"
+#include "host/formats/foreign_formats.hpp"
+#include "host/formats/ply.hpp"
+#include "host/formats/splat_file.hpp"
+#include "host/formats/zip.hpp"
 #include "tests/support/images.hpp"
 #include "tests/support/run_ubs.hpp"
 

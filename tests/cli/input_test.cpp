@@ -9,9 +9,9 @@
 
 #include "host/base/text.hpp"
 #include "host/check/metric_inputs.hpp"
-#include "host/data/npy.hpp"
-#include "host/data/packed.hpp"
-#include "host/data/ply.hpp"
+#include "host/dataset/npy.hpp"
+#include "host/dataset/packed.hpp"
+#include "host/formats/ply.hpp"
 #include "host/pipeline/network.hpp"
 #include "host/scene/initialise.hpp"
 #include "tests/support/images.hpp"

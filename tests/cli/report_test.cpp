@@ -6,8 +6,8 @@
 #include <opencv2/imgcodecs.hpp>
 #include <sstream>
 
-#include "host/data/load_dataset.hpp"
-#include "host/data/ply.hpp"
+#include "host/dataset/load_dataset.hpp"
+#include "host/formats/ply.hpp"
 #include "host/train/checkpoint.hpp"
 #include "tests/support/html_check.hpp"
 #include "tests/support/made_scene.hpp"

@@ -9,7 +9,7 @@
 #include <string>
 
 #include "host/base/text.hpp"
-#include "host/data/blender.hpp"
+#include "host/dataset/blender.hpp"
 #include "host/train/checkpoint.hpp"
 #include "tests/fault/traced_run.hpp"
 #include "tests/support/data.hpp"

@@ -6,21 +6,22 @@
 #include <nlohmann/json.hpp>
 #include <string>
 
-#include "host/api/same_run.hpp"
+#include "host/run/same_run.hpp"
 #include "host/check/metric_inputs.hpp"
 #include "host/cluster/deal.hpp"
 #include "host/cluster/mpi.hpp"
-#include "host/data/image.hpp"
+#include "host/dataset/image.hpp"
 #include "host/pipeline/network.hpp"
 #include "host/train/checkpoint.hpp"
 #include "host/train/rank_plan.hpp"
 #include "host/train/run_settings.hpp"
-#include "host/train/schedule.hpp"
+#include "host/settings/schedule.hpp"
 #include "tests/support/images.hpp"
 #include "tests/support/made_scene.hpp"
 #include "tests/support/run_ubs.hpp"
 #include "tests/support/whole_sweep.hpp"
 #include "tests/support/write_safetensors.hpp"
+#include "tests/support/published.hpp"
 
 namespace ubs {
 namespace {
@@ -97,7 +98,7 @@ TEST_CASE("deal: faster ranks render more views, and the views of a round are co
 }
 
 TEST_CASE("learning rates of Adam scale with the square root of the batch size, and the noise does not") {
-  TrainSettings settings = resolve_automatic({});
+  TrainSettings settings = settle(test::published()).settings();
   settings.batch = 4;
   const ParameterLayout layout(6);
   const Schedule as_given(settings, 100, 2);

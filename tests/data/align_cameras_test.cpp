@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Tests that align_cameras() corrects errors of camera poses. The cameras see a textured wall, and a board in
 // front of the wall.
-#include "host/data/align_cameras.hpp"
+#include "host/dataset/align_cameras.hpp"
 
 #include <catch2/catch.hpp>
 #include <cmath>

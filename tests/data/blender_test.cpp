@@ -1,13 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 // Tests the loader of transforms_*.json: camera mathematics, intrinsics, time, names, missing images, errors,
 // and two real data sets if they are available. The file also contains the test of scene_extent().
-#include "host/data/blender.hpp"
+#include "host/dataset/blender.hpp"
 
 #include <cmath>
 #include <random>
 
-#include "host/data/image.hpp"
-#include "host/data/load_dataset.hpp"
+#include "host/dataset/image.hpp"
+#include "host/dataset/load_dataset.hpp"
 #include "host/scene/extent.hpp"
 #include "tests/support/data.hpp"
 #include "tests/support/temp_folder.hpp"

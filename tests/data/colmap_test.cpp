@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 // Tests the loader of COLMAP folders with text and binary files, every camera model, splits, masks, different
 // image sizes, damaged files, and real scenes.
-#include "host/data/colmap.hpp"
+#include "host/dataset/colmap.hpp"
 
 #include <opencv2/imgcodecs.hpp>
 #include <set>
 
-#include "host/data/load_dataset.hpp"
+#include "host/dataset/load_dataset.hpp"
 #include "tests/support/data.hpp"
 #include "tests/support/images.hpp"
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Tests that truncated or damaged image files give errors, and never images with some wrong pixels.
-// host/data/jpeg.hpp detects damage in JPEG files, and the libraries that decode the other formats detect
+// host/dataset/jpeg.hpp detects damage in JPEG files, and the libraries that decode the other formats detect
 // damage in these. Intact JPEG files of every kind must have the same pixels as with OpenCV.
 #include <turbojpeg.h>
 
@@ -8,9 +8,9 @@
 #include <opencv2/imgproc.hpp>
 #include <random>
 
-#include "host/data/image.hpp"
-#include "host/data/jpeg.hpp"
-#include "host/data/load_dataset.hpp"
+#include "host/dataset/image.hpp"
+#include "host/dataset/jpeg.hpp"
+#include "host/dataset/load_dataset.hpp"
 #include "tests/support/temp_folder.hpp"
 
 using namespace ubs;

@@ -2,11 +2,11 @@
 // Tests models of Gaussians with spherical harmonics: the conversion from third-party splats and back, the
 // conversion from every parametrisation of the covariance, and the reduction to three dimensions, which keeps
 // the harmonics.
-#include "host/data/gaussian_model.hpp"
+#include "host/formats/gaussian_model.hpp"
 
-#include "host/data/ply.hpp"
-#include "host/data/reduce_splats.hpp"
-#include "host/data/splat_file.hpp"
+#include "host/formats/ply.hpp"
+#include "host/formats/reduce_splats.hpp"
+#include "host/formats/splat_file.hpp"
 #include "host/scene/initialise.hpp"
 #include "tests/support/splats.hpp"
 #include "tests/support/temp_folder.hpp"

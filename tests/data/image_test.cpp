@@ -1,15 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
 // Tests reading and writing images: compositing and truncation (docs/method.md, section 4.5), 16-bit files,
 // resizing as in Pillow, PNG output, and errors.
-#include "host/data/image.hpp"
+#include "host/dataset/image.hpp"
 
 #include <cmath>
 #include <limits>
 #include <opencv2/imgcodecs.hpp>
 
 #include "host/base/philox.hpp"
-#include "host/data/image_info.hpp"
-#include "host/data/resample.hpp"
+#include "host/dataset/image_info.hpp"
+#include "host/dataset/resample.hpp"
 #include "tests/support/temp_folder.hpp"
 
 using namespace ubs;

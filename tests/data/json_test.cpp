@@ -6,7 +6,7 @@
 
 #include "host/base/memory_limit.hpp"
 #include "host/base/text.hpp"
-#include "host/data/frames_json.hpp"
+#include "host/dataset/frames_json.hpp"
 #include "tests/support/temp_folder.hpp"
 
 using namespace ubs;

@@ -7,8 +7,8 @@
 #include <set>
 #include <sstream>
 
-#include "host/data/colmap.hpp"
-#include "host/data/undistort.hpp"
+#include "host/dataset/colmap.hpp"
+#include "host/dataset/undistort.hpp"
 #include "tests/support/images.hpp"
 
 using namespace ubs;

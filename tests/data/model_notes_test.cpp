@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 // Tests the comments of a model file about render settings and cameras.
-#include "host/data/model_notes.hpp"
+#include "host/formats/model_notes.hpp"
 
 #include <catch2/catch.hpp>
 
-#include "host/data/ply.hpp"
-#include "host/data/splat_file.hpp"
+#include "host/formats/ply.hpp"
+#include "host/formats/splat_file.hpp"
 #include "host/scene/initialise.hpp"
 #include "host/scene/pose.hpp"
 #include "tests/support/temp_folder.hpp"

@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 // Tests that files are found if their names on the disk differ from those in the data
-// (host/data/named_files.hpp), in every layout whose data contain file names. Also tests the notes of all
+// (host/dataset/named_files.hpp), in every layout whose data contain file names. Also tests the notes of all
 // readers of data folders about files that they do not use.
 #include <filesystem>
 
-#include "host/data/load_dataset.hpp"
-#include "host/data/name_index.hpp"
-#include "host/data/named_files.hpp"
+#include "host/dataset/load_dataset.hpp"
+#include "host/dataset/name_index.hpp"
+#include "host/dataset/named_files.hpp"
 #include "tests/support/data.hpp"
 #include "tests/support/images.hpp"
 #include "tests/support/llff.hpp"

@@ -5,11 +5,11 @@
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/videoio.hpp>
 
-#include "host/data/colmap.hpp"
-#include "host/data/load_dataset.hpp"
-#include "host/data/npy.hpp"
-#include "host/data/packed.hpp"
-#include "host/data/undistort.hpp"
+#include "host/dataset/colmap.hpp"
+#include "host/dataset/load_dataset.hpp"
+#include "host/dataset/npy.hpp"
+#include "host/dataset/packed.hpp"
+#include "host/dataset/undistort.hpp"
 #include "host/scene/extent.hpp"
 #include "host/scene/frustum_points.hpp"
 #include "tests/support/data.hpp"

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Tests that .npy files have the same bytes as those of NumPy, that they are read back without change, and
 // that invalid files give errors.
-#include "host/data/npy.hpp"
+#include "host/dataset/npy.hpp"
 
 #include <array>
 

@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 // Tests that opening a data set reads no file outside of its folder, whatever paths and links the data
-// contain, unless the user allows this (host/data/data_root.hpp).
+// contain, unless the user allows this (host/dataset/data_root.hpp).
 #include <filesystem>
 
-#include "host/data/data_root.hpp"
-#include "host/data/load_dataset.hpp"
-#include "host/data/npy.hpp"
+#include "host/dataset/data_root.hpp"
+#include "host/dataset/load_dataset.hpp"
+#include "host/dataset/npy.hpp"
 #include "tests/support/images.hpp"
 
 using namespace ubs;

@@ -1,14 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
 // Tests packed data sets. Reading a file must restore the data that were packed, and any damage to a file
 // must give an error of the kind data.
-#include "host/data/packed.hpp"
+#include "host/dataset/packed.hpp"
 
 #include <catch2/catch.hpp>
 
 #include "host/base/crc32.hpp"
 #include "host/base/file.hpp"
-#include "host/data/load_dataset.hpp"
-#include "host/data/wide_image_file.hpp"
+#include "host/dataset/load_dataset.hpp"
+#include "host/dataset/wide_image_file.hpp"
 #include "tests/support/temp_folder.hpp"
 
 namespace ubs {

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Tests functions for paths and names from untrusted sources: operations of the file system that throw only
 // Error (host/base/paths.hpp, host/base/temporary_folder.hpp), the encoding of arbitrary bytes as text
-// (host/base/text.hpp), and the conversion of names of views to file names (host/data/view_names.hpp).
+// (host/base/text.hpp), and the conversion of names of views to file names (host/dataset/view_names.hpp).
 #include "host/base/paths.hpp"
 
 #include <random>
@@ -9,7 +9,7 @@
 
 #include "host/base/temporary_folder.hpp"
 #include "host/base/text.hpp"
-#include "host/data/view_names.hpp"
+#include "host/dataset/view_names.hpp"
 #include "tests/support/set_variable.hpp"
 #include "tests/support/temp_folder.hpp"
 

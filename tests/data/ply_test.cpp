@@ -1,13 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 // Tests PLY files of splats: the exact bytes (docs/method.md, section 5.1), properties in other orders and
 // types, and errors. Point clouds use the same code for headers, and are also tested here.
-#include "host/data/ply.hpp"
+#include "host/formats/ply.hpp"
 
 #include <cmath>
 #include <cstring>
 #include <limits>
 
-#include "host/data/world_points.hpp"
+#include "host/dataset/world_points.hpp"
 #include "tests/support/temp_folder.hpp"
 
 using namespace ubs;

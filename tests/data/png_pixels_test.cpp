@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Tests that PNG files of every kind have the same pixels as with OpenCV, except for the transparency of grey
 // files, and that problems are only reported as ubs::Error.
-#include "host/data/png_pixels.hpp"
+#include "host/dataset/png_pixels.hpp"
 
 #include <png.h>
 
@@ -9,8 +9,8 @@
 #include <random>
 
 #include "host/base/crc32.hpp"
-#include "host/data/image.hpp"
-#include "host/data/image_info.hpp"
+#include "host/dataset/image.hpp"
+#include "host/dataset/image_info.hpp"
 #include "tests/support/on_stderr.hpp"
 
 using namespace ubs;

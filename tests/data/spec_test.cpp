@@ -7,8 +7,8 @@
 #include <set>
 
 #include "host/base/text.hpp"
-#include "host/scene/settings.hpp"
-#include "host/scene/train_settings.hpp"
+#include "host/settings/fields.hpp"
+#include "host/settings/train_settings.hpp"
 #include "host/train/run_settings.hpp"
 #include "tests/support/temp_folder.hpp"
 
@@ -254,26 +254,6 @@ TEST_CASE("train settings: the defaults are inside their ranges, and keys are un
   CHECK(settings.noise_lr == kAuto);
 }
 
-TEST_CASE("train settings: automatic values depend on kernel, colour and N, and given values are kept") {
-  TrainSettings s;
-  CHECK(resolve_automatic(s).lr_opacity == 0.05);
-  CHECK(resolve_automatic(s).lr_scale == 0.005);
-  CHECK(resolve_automatic(s).lr_rgb == 0.001);
-  s.variant.colour = ColourMode::sb1;
-  CHECK(resolve_automatic(s).lr_rgb == 0.0025);
-  CHECK(resolve_automatic(s).noise_lr == 1e6);
-  s.dim = 7;
-  s.variant.kernel = SpatialKernel::gaussian;
-  CHECK(resolve_automatic(s).lr_opacity == 0.025);
-  CHECK(resolve_automatic(s).lr_scale == 0.02);
-  CHECK(resolve_automatic(s).noise_lr == 1);
-  s.lr_scale = 0.01;
-  CHECK(resolve_automatic(s).lr_scale == 0.01);
-  const auto fields = bind_fields(s, train_fields());
-  set_field(fields, "lr_scale", "auto", "test");
-  CHECK(s.lr_scale == kAuto);
-}
-
 // A member of the struct that is missing from the table would be lost in config.yaml. The total size of the
 // members in the table may only differ from the size of the struct by padding. list_counts, run_cameras and
 // chosen are not settings of a run.
@@ -333,7 +313,7 @@ TEST_CASE("train settings: invalid values and combinations are rejected") {
     CHECK(refused("refine", text));
   set("refine", "0:0:1");
   CHECK(s.refine.empty());
-  CHECK(message([](auto& with) { with.refine.first = 26000; }).find("refine") != std::string::npos);
+  CHECK(message([](auto& with) { with.refine = {26000, 25000, 100}; }).find("refine") != std::string::npos);
 }
 
 TEST_CASE("data_specs: every specification of a run can be loaded") {

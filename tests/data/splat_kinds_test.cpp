@@ -5,12 +5,12 @@
 #include <map>
 #include <nlohmann/json.hpp>
 
-#include "host/data/gaussian_model.hpp"
-#include "host/data/ply.hpp"
-#include "host/data/splat_file.hpp"
-#include "host/data/webp.hpp"
-#include "host/data/zip.hpp"
-#include "host/scene/settings.hpp"
+#include "host/formats/gaussian_model.hpp"
+#include "host/formats/ply.hpp"
+#include "host/formats/splat_file.hpp"
+#include "host/formats/webp.hpp"
+#include "host/formats/zip.hpp"
+#include "host/settings/fields.hpp"
 #include "tests/support/splats.hpp"
 #include "tests/support/temp_folder.hpp"
 

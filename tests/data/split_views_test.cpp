@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Tests how views are divided into training views and test views. By convention, every 8th image is a test
 // image. If there are few images, test images are chosen from those that are surrounded by others.
-#include "host/data/split_views.hpp"
+#include "host/dataset/split_views.hpp"
 
 #include <fmt/format.h>
 
@@ -10,7 +10,7 @@
 #include <cmath>
 #include <numbers>
 
-#include "host/scene/field.hpp"
+#include "host/settings/field.hpp"
 
 using namespace ubs;
 using Catch::Contains;

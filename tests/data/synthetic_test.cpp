@@ -1,14 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
 // Tests the synthetic data sets: they can be loaded like other folders, are reproducible, and depend on view
 // and time. Writing them must not overwrite files of the user.
-#include "host/data/synthetic.hpp"
+#include "host/dataset/synthetic.hpp"
 
 #include <algorithm>
 #include <cmath>
 #include <map>
 
-#include "host/data/blender.hpp"
-#include "host/data/image.hpp"
+#include "host/dataset/blender.hpp"
+#include "host/dataset/image.hpp"
 #include "tests/support/temp_folder.hpp"
 
 using namespace ubs;

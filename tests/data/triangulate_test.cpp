@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Tests triangulate() with five images of a textured plane: the points must be on the plane, and different
 // exposures must be recognised. Also tests Patch, which finds the depth of the pixels between keypoints.
-#include "host/data/triangulate.hpp"
+#include "host/dataset/triangulate.hpp"
 
 #include <algorithm>
 #include <array>
@@ -9,7 +9,7 @@
 #include <opencv2/core.hpp>
 #include <opencv2/imgproc.hpp>
 
-#include "host/data/patch_depth.hpp"
+#include "host/dataset/patch_depth.hpp"
 
 namespace ubs {
 namespace {

@@ -6,9 +6,9 @@
 
 #include "host/base/child_process.hpp"
 #include "host/base/file.hpp"
-#include "host/data/foreign_formats.hpp"
-#include "host/data/splat_file.hpp"
-#include "host/data/splat_series.hpp"
+#include "host/formats/foreign_formats.hpp"
+#include "host/formats/splat_file.hpp"
+#include "host/formats/splat_series.hpp"
 #include "tests/support/splats.hpp"
 #include "tests/support/temp_folder.hpp"
 

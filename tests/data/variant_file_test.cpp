@@ -4,10 +4,10 @@
 #include <cmath>
 #include <set>
 
-#include "host/data/ply.hpp"
+#include "host/formats/ply.hpp"
 #include "host/scene/initialise.hpp"
-#include "host/scene/settings.hpp"
-#include "host/scene/train_settings.hpp"
+#include "host/settings/fields.hpp"
+#include "host/settings/train_settings.hpp"
 #include "tests/support/temp_folder.hpp"
 #include "tests/support/variants.hpp"
 

@@ -11,11 +11,11 @@
 
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
-#include "host/data/lens.hpp"
-#include "host/data/load_dataset.hpp"
-#include "host/data/splat_file.hpp"
+#include "host/dataset/lens.hpp"
+#include "host/dataset/load_dataset.hpp"
+#include "host/formats/splat_file.hpp"
 #include "host/scene/model_variant.hpp"
-#include "host/scene/train_settings.hpp"
+#include "host/settings/train_settings.hpp"
 #include "tests/support/generated_list.hpp"
 
 namespace {

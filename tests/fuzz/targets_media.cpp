@@ -6,10 +6,10 @@
 
 #include <opencv2/imgcodecs.hpp>
 
-#include "host/data/image.hpp"
-#include "host/data/resample.hpp"
-#include "host/data/video.hpp"
-#include "host/data/video_writer.hpp"
+#include "host/dataset/image.hpp"
+#include "host/dataset/resample.hpp"
+#include "host/dataset/video.hpp"
+#include "host/dataset/video_writer.hpp"
 #include "tests/fuzz/files.hpp"
 
 namespace ubs::fuzz {

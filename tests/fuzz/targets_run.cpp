@@ -2,7 +2,7 @@
 // Implements the fuzz targets for checkpoints, files in the folder of a run, and camera paths.
 #include <cstring>
 
-#include "host/api/keyframes.hpp"
+#include "host/model/keyframes.hpp"
 #include "host/base/crc32.hpp"
 #include "host/look/report/run_record.hpp"
 #include "host/scene/initialise.hpp"

@@ -17,13 +17,14 @@
 #include <fstream>
 #include <set>
 
-#include "host/api/contributions.hpp"
+#include "host/model/contributions.hpp"
 #include "host/base/error.hpp"
 #include "host/lab/bench/bench_scene.hpp"
 #include "host/opencl/opencl_device.hpp"
 #include "host/opencl/platform.hpp"
 #include "host/opencl/sources.hpp"
 #include "host/train/trainer.hpp"
+#include "tests/support/published.hpp"
 
 namespace {
 
@@ -68,7 +69,7 @@ double train(Device& device, bench::BenchScene scene, const std::string& raster)
   masked.image.mask.assign(kWidth * kHeight, 1);
   for (std::size_t i = 0; i < masked.image.mask.size(); i += 7) masked.image.mask[i] = 0;
   masked.masked = true;
-  TrainSettings settings;
+  TrainSettings settings = test::published();
   settings.raster = raster;
   settings.dim = kDim;
   settings.iterations = kIterations;
@@ -80,7 +81,7 @@ double train(Device& device, bench::BenchScene scene, const std::string& raster)
   settings.scale_penalty = 0.01;
   settings.log_every = 1;
   const Split test{"test", {scene.views.views[0]}};
-  Trainer trainer(device, settings, scene.views, test, initial(scene.model));
+  Trainer trainer(device, settle(settings), scene.views, test, initial(scene.model));
   double loss = 0, psnr = 0;
   trainer.run([&](const StepReport& report) {
     if (report.loss) loss = *report.loss;

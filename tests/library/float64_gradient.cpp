@@ -7,13 +7,14 @@
 #include <cstdlib>
 #include <nlohmann/json.hpp>
 
-#include "host/scene/settings.hpp"
-#include "host/scene/train_settings.hpp"
+#include "host/settings/fields.hpp"
+#include "host/settings/train_settings.hpp"
 #include "tests/support/view_number.hpp"
+#include "tests/support/published.hpp"
 
 int main(int argc, char** argv) {
   if (argc != 3) return 2;
-  ubs::TrainSettings settings;
+  ubs::TrainSettings settings = ubs::test::published();
   ubs::set_field(ubs::bind_fields(settings, ubs::train_fields()), "colour", argv[2], "COLOUR");
   const auto [scene, weights] = ubs::test::differentiable_view(std::atoi(argv[1]), 61, 45, settings.variant);
   const ubs::Camera& camera = scene.camera;

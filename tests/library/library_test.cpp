@@ -190,7 +190,7 @@ TEST_CASE("training with the library gives the same bits as with the executable"
   ubs::Data data(folder / "data");
   Folder out;
 
-  ubs::Trainer whole(device, data, settings());
+  ubs::Trainer whole(device, settle(data), settings());
   std::vector<ubs_step> steps;
   whole.run([&](const ubs_step& step) {
     steps.push_back(step);
@@ -209,13 +209,13 @@ TEST_CASE("training with the library gives the same bits as with the executable"
 
   // The step function stops training after 17 iterations, five calls run one iteration each, and another
   // trainer continues from a checkpoint.
-  ubs::Trainer parts(device, data, settings());
+  ubs::Trainer parts(device, settle(data), settings());
   parts.run([&](const ubs_step& step) { return step.iteration < 17; });
   CHECK(parts.status().iteration == 17);
   for (int i = 0; i < 5; ++i) parts.run({}, 1);
   CHECK(parts.status().iteration == 22);
   parts.save(out / "checkpoint.ubs");
-  ubs::Trainer again(device, data, settings());
+  ubs::Trainer again(device, settle(data), settings());
   again.restore(out / "checkpoint.ubs");
   CHECK(again.status().iteration == 22);
   again.run();
@@ -226,7 +226,7 @@ TEST_CASE("training with the library gives the same bits as with the executable"
   // With unit = 1, which does not scale the data, the results are bit-identical.
   const ubs::Settings in_unit = settings().set("unit", "1");
   const ubs::Model initial = ubs::Model::initial(data, in_unit);
-  ubs::Trainer given(device, data, in_unit, &initial), own(device, data, in_unit);
+  ubs::Trainer given(device, settle(data), in_unit, &initial), own(device, data, in_unit);
   given.run();
   own.run();
   given.model().save(out / "given.ply");
@@ -262,7 +262,7 @@ TEST_CASE(
   // constant black background, for which this makes no difference.
   const auto first =
       settings().set("iterations", 20).set("background", "black").set("random_background", "off");
-  ubs::Trainer a(device, opened, first), b(device, made, first);
+  ubs::Trainer a(device, settle(opened), first), b(device, made, first);
   a.run();
   b.run();
   const ubs::Model model = a.model();
@@ -570,7 +570,7 @@ TEST_CASE("a renderer accepts a new model with at most as many splats and the sa
 TEST_CASE("a step function may read the trainer, stop training and throw") {
   ubs::Device device;
   const ubs::Data data(scene() / "data");
-  ubs::Trainer trainer(device, data, settings());
+  ubs::Trainer trainer(device, settle(data), settings());
   trainer.run([&](const ubs_step& step) {
     CHECK(trainer.status().iteration == step.iteration);
     CHECK(trainer.model().info().splats == step.splats);
@@ -672,7 +672,7 @@ TEST_CASE("errors describe the problem") {
   const ubs::Model other_form = small_model(6);  // has the default variant, the settings have another one
   check_error(UBS_ERROR_USAGE, "has the variant 'default', but the settings have 'colour sh3'",
               [&] { ubs::Trainer(device, full, settings().set("colour", "sh3"), &other_form); });
-  ubs::Trainer trainer(device, full, settings());
+  ubs::Trainer trainer(device, settle(full), settings());
   check_error(UBS_ERROR_USAGE, "cannot be changed",
               [&] { full.add_view("test", "", simple_camera(), image); });
 
@@ -703,7 +703,7 @@ TEST_CASE(
   check_error(UBS_ERROR_USAGE, "pass overwrite",
               [&] { ubs::Data::synthesise({.scene = "orbit"}, out / "scene"); });
   ubs::Device device;
-  ubs::Trainer trainer(device, data, settings());
+  ubs::Trainer trainer(device, settle(data), settings());
   trainer.run({}, 10);
   const ubs::Model before = trainer.model();
   const std::size_t splats = before.parameter("xyz").splats;

@@ -8,7 +8,7 @@
 
 #include "host/base/error.hpp"
 #include "host/check/metric_inputs.hpp"
-#include "host/data/image.hpp"
+#include "host/dataset/image.hpp"
 #include "host/device/registry.hpp"
 #include "host/lab/oracle/lpips_reference.hpp"
 #include "host/lab/oracle/oracle.hpp"

@@ -6,7 +6,7 @@
 #include <catch2/catch.hpp>
 
 #include "host/check/metric_inputs.hpp"
-#include "host/data/image.hpp"
+#include "host/dataset/image.hpp"
 #include "host/device/registry.hpp"
 #include "host/pipeline/image_metrics.hpp"
 #include "tests/support/device_fixture.hpp"

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // Tests imported Gaussians on a device: for a scene that OpenSplat trained, the PSNR of renders of ubs must
 // differ by less than 0.1 dB from the PSNR that OpenSplat reports for its own renders.
-#include "host/data/blender.hpp"
-#include "host/data/splat_file.hpp"
+#include "host/dataset/blender.hpp"
+#include "host/formats/splat_file.hpp"
 #include "host/pipeline/device_model.hpp"
 #include "host/pipeline/renderer.hpp"
 #include "tests/support/data.hpp"

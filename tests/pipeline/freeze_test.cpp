@@ -11,6 +11,7 @@
 #include "tests/pipeline/training_runs.hpp"
 #include "tests/support/device_fixture.hpp"
 #include "tests/support/whole_sweep.hpp"
+#include "tests/support/published.hpp"
 
 namespace ubs {
 namespace {
@@ -109,7 +110,7 @@ TEST_CASE("training does not change frozen groups", "[freeze][training][opencv]"
     const auto run = [&](const std::string& freeze) {
       settings.freeze = freeze;
       device->reset_peak();
-      Trainer trainer(*device, settings, data.train, data.test, initial);
+      Trainer trainer(*device, settle(settings), data.train, data.test, initial);
       trainer.run([](const StepReport&) { return true; });
       CHECK(trainer.memory_plan().each(MemoryUnit::splat) > 0);
       return std::pair{trainer.model(), peak("first moments")};
@@ -143,7 +144,7 @@ TEST_CASE("frozen colours are copied by relocation and growth", "[freeze][traini
     SplatModel initial = initialise_random(3, 200, settings.seed);
     for (int c = 0; c < 3; ++c)
       for (std::size_t i = 0; i < initial.count; ++i) initial.row(3 + c)[i] = 0.25f * static_cast<float>(c);
-    Trainer trainer(*device, settings, data.train, data.test, initial);
+    Trainer trainer(*device, settle(settings), data.train, data.test, initial);
     trainer.run([](const StepReport&) { return true; });
     const SplatModel model = trainer.model();
     CHECK(model.count == 260);
@@ -153,7 +154,7 @@ TEST_CASE("frozen colours are copied by relocation and growth", "[freeze][traini
 }
 
 TEST_CASE("groups that cannot be frozen are rejected", "[freeze]") {
-  TrainSettings settings;
+  TrainSettings settings = test::published();
   const auto message = [&](const std::string& freeze) {
     settings.freeze = freeze;
     return test::message_of([&] { validate(settings); }, ErrorKind::usage);

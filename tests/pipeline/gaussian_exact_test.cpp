@@ -5,9 +5,9 @@
 #include <cstring>
 
 #include "host/base/philox.hpp"
-#include "host/data/foreign_formats.hpp"
-#include "host/data/gaussian_model.hpp"
-#include "host/data/splat_file.hpp"
+#include "host/formats/foreign_formats.hpp"
+#include "host/formats/gaussian_model.hpp"
+#include "host/formats/splat_file.hpp"
 #include "host/pipeline/device_model.hpp"
 #include "host/pipeline/renderer.hpp"
 #include "tests/reference/gaussian_render.hpp"

@@ -5,10 +5,11 @@
 #include <cstring>
 #include <vector>
 
-#include "host/data/blender.hpp"
-#include "host/data/synthetic.hpp"
+#include "host/dataset/blender.hpp"
+#include "host/dataset/synthetic.hpp"
 #include "host/scene/initialise.hpp"
 #include "host/train/trainer.hpp"
+#include "tests/support/published.hpp"
 #include "tests/support/temp_folder.hpp"
 
 namespace ubs::test {
@@ -33,8 +34,7 @@ inline Data synthetic(const std::string& scene, int size, int views) {
 }
 
 inline TrainSettings short_run(int dim, int iterations, int splats) {
-  TrainSettings settings;
-  settings.dim = dim;
+  TrainSettings settings = published(dim);
   settings.iterations = iterations;
   settings.init_points = splats;
   settings.cap_max = splats;
@@ -59,7 +59,7 @@ struct Outcome {
 };
 
 inline Outcome train(Device& device, const TrainSettings& settings, const Data& data) {
-  Trainer trainer(device, settings, data.train, data.test,
+  Trainer trainer(device, settle(settings), data.train, data.test,
                   initialise_random(settings.dim, static_cast<std::size_t>(settings.init_points),
                                     settings.seed, {.variant = settings.variant}));
   Outcome outcome;

@@ -67,7 +67,7 @@ TEST_CASE("training with list_counts = bound gives the same bits as with list_co
           "[training][determinism]") {
   const Data data = synthetic("glossy", 40, 10);
   const auto run = [&](Device& device, const TrainSettings& settings, IntersectionCount& count) {
-    Trainer trainer(device, settings, data.train, data.test, initialise_random(6, 300, 42, {}));
+    Trainer trainer(device, settle(settings), data.train, data.test, initialise_random(6, 300, 42, {}));
     std::vector<double> losses;
     trainer.run([&](const StepReport& report) {
       if (report.loss) losses.push_back(*report.loss);

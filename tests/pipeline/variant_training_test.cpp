@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <catch2/catch.hpp>
 
-#include "host/scene/settings.hpp"
+#include "host/settings/fields.hpp"
 #include "tests/pipeline/training_runs.hpp"
 #include "tests/support/device_fixture.hpp"
 #include "tests/support/variants.hpp"
@@ -62,7 +62,7 @@ TEST_CASE("a model whose variant differs from the settings is rejected", "[train
   for (const auto& device : devices_under_test()) {
     TrainSettings settings = test::short_run(6, 10, 100);
     settings.variant.kernel = SpatialKernel::gaussian;
-    CHECK_THROWS_WITH(Trainer(*device, settings, data.train, data.test, initialise_random(6, 100, 1)),
+    CHECK_THROWS_WITH(Trainer(*device, settle(settings), data.train, data.test, initialise_random(6, 100, 1)),
                       Catch::Contains("'default'") && Catch::Contains("kernel gaussian"));
   }
 }

@@ -13,11 +13,12 @@
 #include "host/pipeline/capture_stages.hpp"
 #include "host/pipeline/device_model.hpp"
 #include "host/pipeline/view_gradient.hpp"
-#include "host/scene/train_settings.hpp"
+#include "host/settings/train_settings.hpp"
 #include "tests/pipeline/oracle_comparison.hpp"
 #include "tests/support/compare.hpp"
 #include "tests/support/device_fixture.hpp"
 #include "tests/support/oracle_scene.hpp"
+#include "tests/support/published.hpp"
 
 namespace ubs {
 namespace {
@@ -152,7 +153,7 @@ TEST_CASE("the error of alpha_min stays within its bound", "[work]") {
 }
 
 TEST_CASE("alpha_min must be 0 or at least 1e-6", "[work]") {
-  TrainSettings settings;
+  TrainSettings settings = test::published();
   settings.alpha_min = 0.25;
   validate(settings);
   settings.alpha_min = 1e-9;

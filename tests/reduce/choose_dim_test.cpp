@@ -7,8 +7,8 @@
 
 #include "host/base/error.hpp"
 #include "host/lab/oracle/scenes.hpp"
-#include "host/scene/settings.hpp"
-#include "host/scene/train_settings.hpp"
+#include "host/settings/fields.hpp"
+#include "host/settings/train_settings.hpp"
 
 using namespace ubs;
 using Catch::Contains;
@@ -80,5 +80,5 @@ TEST_CASE("dim auto: the setting dim accepts auto and numbers, and other setting
   set_field(fields, "dim=4", "--set");
   CHECK(to_json(fields)["dim"] == 4);
   CHECK_THROWS_WITH(set_field(fields, "dim=0", "--set"), Contains("auto or integer 3 to 11"));
-  CHECK_THROWS_WITH(set_field(fields, "cap_max=auto", "--set"), Contains("integer"));
+  CHECK_THROWS_WITH(set_field(fields, "batch=auto", "--set"), Contains("integer"));
 }

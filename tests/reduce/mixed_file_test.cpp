@@ -2,8 +2,8 @@
 // Tests files of models with splats of different dimensions.
 #include <algorithm>
 
-#include "host/data/ply.hpp"
-#include "host/data/splat_file.hpp"
+#include "host/formats/ply.hpp"
+#include "host/formats/splat_file.hpp"
 #include "tests/support/temp_folder.hpp"
 
 using namespace ubs;

@@ -3,7 +3,7 @@
 // of each group.
 #include <catch2/catch.hpp>
 
-#include "host/api/replacement.hpp"
+#include "host/model/replacement.hpp"
 #include "host/lab/oracle/oracle.hpp"
 #include "host/pipeline/device_groups.hpp"
 #include "host/pipeline/view_gradient.hpp"

@@ -5,7 +5,7 @@
 #include <catch2/catch.hpp>
 #include <cmath>
 
-#include "host/api/reducer.hpp"
+#include "host/model/reducer.hpp"
 #include "host/base/error.hpp"
 #include "kernels/layout.h"
 #include "tests/reduce/reduce_scene.hpp"

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Tests fit_skew_rotation(), which finds the raw rotation and the scales of a splat with a given covariance.
-#include "host/api/skew_rotation.hpp"
+#include "host/model/skew_rotation.hpp"
 
 #include <algorithm>
 

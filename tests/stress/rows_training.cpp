@@ -7,9 +7,10 @@
 
 #include "host/base/error.hpp"
 #include "host/base/temporary_folder.hpp"
-#include "host/data/ply.hpp"
+#include "host/formats/ply.hpp"
 #include "host/train/trainer.hpp"
 #include "tests/stress/row.hpp"
+#include "tests/support/published.hpp"
 
 namespace ubs::stress {
 namespace {
@@ -41,8 +42,7 @@ Split make_views(DeviceRunner& runner, int count, bool equal) {
 }
 
 TrainSettings settings_for(const DeviceRunner& runner, int dim, int iterations) {
-  TrainSettings settings;
-  settings.dim = dim;
+  TrainSettings settings = test::published(dim);
   settings.iterations = iterations;
   settings.cap_max = 120;
   settings.background = {0.1, 0.2, 0.3};
@@ -59,7 +59,7 @@ struct Training {
 
 Training train(Device& device, const TrainSettings& settings, const Split& views, const SplatModel& initial) {
   const Split none{"test", {}};
-  Trainer trainer(device, settings, views, none, initial);
+  Trainer trainer(device, settle(settings), views, none, initial);
   Training result;
   trainer.run([&](const StepReport& report) {
     if (report.loss) {

@@ -8,7 +8,7 @@
 #include <string>
 
 #include "host/base/json.hpp"
-#include "host/data/image.hpp"
+#include "host/dataset/image.hpp"
 #include "tests/support/temp_folder.hpp"
 
 namespace ubs::test {

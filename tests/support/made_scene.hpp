@@ -4,7 +4,7 @@
 // test this command.
 #pragma once
 
-#include "host/data/synthetic.hpp"
+#include "host/dataset/synthetic.hpp"
 #include "tests/support/temp_folder.hpp"
 
 namespace ubs::test {

@@ -7,8 +7,8 @@
 #include <cmath>
 
 #include "host/base/philox.hpp"
-#include "host/data/foreign_formats.hpp"
-#include "host/data/imported_splats.hpp"
+#include "host/formats/foreign_formats.hpp"
+#include "host/formats/imported_splats.hpp"
 #include "host/scene/spatial_factor.hpp"
 
 namespace ubs::test {

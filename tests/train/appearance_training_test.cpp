@@ -83,7 +83,7 @@ TEST_CASE("appearance: the views of a wide image share one set of parameters", "
   for (const auto& device : test::devices_under_test()) {
     TrainSettings settings = test::short_run(3, 30, 200);
     settings.appearance = Appearance::gain;
-    Trainer trainer(*device, settings, data.train, data.test,
+    Trainer trainer(*device, settle(settings), data.train, data.test,
                     initialise_random(3, 200, settings.seed, {.variant = settings.variant}));
     trainer.run([](const StepReport&) { return true; });
     const std::vector<float> numbers = trainer.state().appearance;

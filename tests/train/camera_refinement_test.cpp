@@ -5,9 +5,9 @@
 #include <catch2/catch.hpp>
 #include <cmath>
 
-#include "host/api/run_cameras.hpp"
+#include "host/run/run_cameras.hpp"
 #include "host/base/philox.hpp"
-#include "host/data/colmap.hpp"
+#include "host/dataset/colmap.hpp"
 #include "host/lab/oracle/scenes.hpp"
 #include "host/pipeline/device_model.hpp"
 #include "host/scene/extent.hpp"
@@ -218,7 +218,7 @@ TEST_CASE("a lens is refined with a known model, and stays near the given one wi
     };
     TrainSettings settings = test::short_run(3, 800, 1500);
     const SplatModel start = initialise_random(3, 1500, settings.seed, {.variant = settings.variant});
-    Trainer trainer(*device, settings, data.train, data.test, start);
+    Trainer trainer(*device, settle(settings), data.train, data.test, start);
     trainer.run([](const StepReport&) { return true; });
     const Camera known = refined(trainer.model());
     INFO(device->info().name << ": " << known.fx << " and " << known.cx << " instead of " << right.fx
@@ -246,7 +246,7 @@ TEST_CASE("training refines inaccurate poses and focal lengths", "[cameras]") {
     settings.lr_beta = 0.01;
     const double without = test::train(*device, settings, off).test.mean.psnr;
     settings.refine_cameras = RefineCameras::pose;
-    Trainer trainer(*device, settings, off.train, off.test,
+    Trainer trainer(*device, settle(settings), off.train, off.test,
                     initialise_random(3, 1500, settings.seed, {.variant = settings.variant}));
     Metrics metrics;
     trainer.run([&](const StepReport& report) {
@@ -256,7 +256,7 @@ TEST_CASE("training refines inaccurate poses and focal lengths", "[cameras]") {
     std::vector<Camera> refined;
     for (const FittedCamera& camera : trainer.scene().cameras().learnt()) refined.push_back(camera.camera);
     const std::vector<Camera> right = cameras_of(truth.train);
-    Trainer from_right(*device, settings, truth.train, truth.test,
+    Trainer from_right(*device, settle(settings), truth.train, truth.test,
                        initialise_random(3, 1500, settings.seed, {.variant = settings.variant}));
     from_right.run([](const StepReport&) { return true; });
     std::vector<Camera> drifted;

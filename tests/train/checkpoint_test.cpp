@@ -69,7 +69,7 @@ TEST_CASE("checkpoint: a run resumed at any point is bit-identical to an uninter
       if (batch > 1) settings.appearance = Appearance::affine;
       settings.background.learnt = batch > 1 ? Background::Learnt::colour : Background::Learnt::sky;
       if (batch > 1) settings.refine_cameras = RefineCameras::pose_and_intrinsics;
-      Trainer whole(*device, settings, data.train, kNone, start(settings));
+      Trainer whole(*device, settle(settings), data.train, kNone, start(settings));
       const Rows expected = run_to(whole, 60);
       const TrainState end = whole.state();
       REQUIRE(end.model.count == 700);
@@ -79,7 +79,7 @@ TEST_CASE("checkpoint: a run resumed at any point is bit-identical to an uninter
       // iteration 9.
       for (const int cut : batch == 1 ? std::vector<int>{0, 1, 3, 4, 5, 7, 20, 59} : std::vector<int>{9}) {
         INFO(device->info().name << ", batch " << batch << ", cut at " << cut);
-        Trainer first(*device, settings, data.train, kNone, start(settings));
+        Trainer first(*device, settle(settings), data.train, kNone, start(settings));
         run_to(first, cut);
         Checkpoint kept = checkpoint_of(settings, first.state());
         kept.budget = {.seconds = 12.5,
@@ -90,7 +90,7 @@ TEST_CASE("checkpoint: a run resumed at any point is bit-identical to an uninter
         write_checkpoint(folder / "checkpoint", kept);
         const Checkpoint read = read_checkpoint(folder / "checkpoint");
         CHECK(read.budget == kept.budget);
-        Trainer second(*device, read.settings, data.train, kNone, read.state.model);
+        Trainer second(*device, settle(read.settings), data.train, kNone, read.state.model);
         second.restore(read.state);
         CHECK(second.iteration() == cut);
         const Rows rows = run_to(second, 60);
@@ -121,13 +121,13 @@ TEST_CASE("checkpoint: states are saved at the set intervals, and a failed write
   const TempFolder folder;
   for (const auto& device : devices_under_test()) {
     const TrainSettings settings = small_run(3);
-    Trainer trainer(*device, settings, data.train, kNone, start(settings));
+    Trainer trainer(*device, settle(settings), data.train, kNone, start(settings));
     std::vector<int> saved;
     trainer.on_state({20, 0, [&](const TrainState& state) { saved.push_back(state.iteration); }});
     run_to(trainer, 60);
     CHECK(saved == std::vector<int>{20, 40});  // not at the last iteration, at which the model is written
     saved.clear();
-    Trainer timed(*device, settings, data.train, kNone, start(settings));
+    Trainer timed(*device, settle(settings), data.train, kNone, start(settings));
     timed.on_state({0, 1e-9, [&](const TrainState& state) { saved.push_back(state.iteration); }});
     run_to(timed, 60);
     CHECK(saved.size() == 59);
@@ -263,7 +263,7 @@ TEST_CASE(
   Data data = synthetic("glossy", 16, 4);
   for (const auto& device : devices_under_test()) {
     const TrainSettings settings = short_run(3, 12, 200);
-    Trainer whole(*device, settings, data.train, kNone, start(settings));
+    Trainer whole(*device, settle(settings), data.train, kNone, start(settings));
     run_to(whole, 12);
     for (const bool twice : {false, true}) {
       Split train = data.train;
@@ -271,7 +271,7 @@ TEST_CASE(
       View& last = train.views[order(3)];  // the view of the fourth iteration
       last.source =
           std::make_shared<MoodySource>(last.image, twice ? std::vector<int>{1, 2} : std::vector<int>{1});
-      Trainer trainer(*device, settings, train, kNone, start(settings));
+      Trainer trainer(*device, settle(settings), train, kNone, start(settings));
       if (!twice) {
         run_to(trainer, 12);
         CHECK(same_bits(trainer.model().values, whole.model().values));
@@ -280,7 +280,7 @@ TEST_CASE(
       CHECK(message_of([&] { run_to(trainer, 12); }).find("moody.png") != std::string::npos);
       CHECK(trainer.state_is_whole());
       CHECK(trainer.iteration() == 3);
-      Trainer second(*device, settings, data.train, kNone, start(settings));
+      Trainer second(*device, settle(settings), data.train, kNone, start(settings));
       second.restore(trainer.state());
       run_to(second, 12);
       CHECK(same_bits(second.model().values, whole.model().values));

@@ -71,8 +71,8 @@ TEST_CASE("guard: if all values are finite, results are bit-identical with and w
     for (const std::string& raster : raster_names_of(*device)) {
       TrainSettings off = guarded(OnNan::off), on = guarded(OnNan::stop);
       off.raster = on.raster = raster;
-      Trainer plain(*device, off, data.train, kNone, start(off)),
-          watched(*device, on, data.train, kNone, start(on));
+      Trainer plain(*device, settle(off), data.train, kNone, start(off)),
+          watched(*device, settle(on), data.train, kNone, start(on));
       const auto nothing = [](int) {};
       const TrainState a = run(plain, nothing).end, b = run(watched, nothing).end;
       CHECK(a.adam_steps == b.adam_steps);
@@ -94,7 +94,7 @@ TEST_CASE("guard: with on_nan = stop, the error message contains splat, iteratio
                            Row{14, kNan, "scale_0"}, Row{34, kNan, "l_triangle_14"}}) {
       DYNAMIC_SECTION(device->info().name << ", " << row.name << " = " << row.value) {
         const TrainSettings settings = guarded(OnNan::stop);
-        Trainer trainer(*device, settings, data.train, kNone, start(settings));
+        Trainer trainer(*device, settle(settings), data.train, kNone, start(settings));
         const Run result = run(trainer, [&](int iteration) {
           if (iteration == 20) poison(*device, trainer, row.row, 123, row.value);
         });
@@ -124,7 +124,7 @@ TEST_CASE("guard: if a gradient is not finite, the message contains its stage an
   {
     const std::unique_ptr<Device> device = open_device("opencl");
     const TrainSettings settings = guarded(OnNan::stop);
-    Trainer trainer(*device, settings, data.train, kNone, start(settings));
+    Trainer trainer(*device, settle(settings), data.train, kNone, start(settings));
     const Run result = run(trainer, [&](int iteration) {
       if (iteration == 25) make_glaring(*device, trainer, data.train.views[0].camera, 7);
     });
@@ -206,7 +206,7 @@ TEST_CASE("guard: with on_nan = drop, the splat is removed and the final model i
   for (const auto& device : devices_under_test()) {
     TrainSettings settings = guarded(OnNan::drop);
     settings.appearance = Appearance::gain;
-    Trainer trainer(*device, settings, data.train, kNone, start(settings));
+    Trainer trainer(*device, settle(settings), data.train, kNone, start(settings));
     const Run result = run(trainer, [&](int iteration) {
       if (iteration == 20) poison(*device, trainer, 2, 50, kNan);
       if (iteration == 40) poison(*device, trainer, 14, 51, kInf);
@@ -219,7 +219,7 @@ TEST_CASE("guard: with on_nan = drop, the splat is removed and the final model i
     CHECK(is_finite(result.end));
 
     // If too many splats are not finite (here more than ten), training ends with an error.
-    Trainer worse(*device, settings, data.train, kNone, start(settings));
+    Trainer worse(*device, settle(settings), data.train, kNone, start(settings));
     const Run stopped = run(worse, [&](int iteration) {
       if (iteration == 20)
         for (std::uint32_t i = 0; i < 11; ++i) poison(*device, worse, 0, i, kNan);
@@ -241,7 +241,7 @@ TEST_CASE("guard: cameras are only refined after earlier iterations have been ch
     settings.log_every = kIterations;
     const Schedule schedule(settings, 300);
     REQUIRE((schedule.camera_sweep(16) && !schedule.camera_sweep(17) && schedule.camera_sweep(19)));
-    Trainer trainer(*device, settings, data.train, kNone, start(settings));
+    Trainer trainer(*device, settle(settings), data.train, kNone, start(settings));
     std::vector<double> before, found;
     trainer.on_nonfinite([&](const std::string& message) {
       CHECK(test::contains(message, "at iteration 17,"));
@@ -269,7 +269,7 @@ TEST_CASE("guard: with on_nan = rollback, training continues from the last state
     const std::unique_ptr<Device> device = open_device("opencl");
     TrainSettings settings = guarded(OnNan::rollback);
     settings.appearance = Appearance::affine;
-    Trainer trainer(*device, settings, data.train, kNone, start(settings));
+    Trainer trainer(*device, settle(settings), data.train, kNone, start(settings));
     int states = 0;
     trainer.on_state({16, 0, [&](const TrainState&) { ++states; }});
     bool once = false;
@@ -290,7 +290,7 @@ TEST_CASE("guard: with on_nan = rollback, training continues from the last state
     CHECK(states >= 3);
 
     // In this run, a NaN is written again after each rollback.
-    Trainer again(*device, settings, data.train, kNone, start(settings));
+    Trainer again(*device, settle(settings), data.train, kNone, start(settings));
     const Run stopped = run(again, [&](int iteration) {
       if (iteration == 25) poison(*device, again, 0, 3, kNan);
     });
@@ -304,7 +304,7 @@ TEST_CASE("guard: a moment that is not finite is detected with batches of severa
   for (const auto& device : devices_under_test()) {
     TrainSettings settings = guarded(OnNan::stop);
     settings.batch = 3;
-    Trainer trainer(*device, settings, data.train, kNone, start(settings));
+    Trainer trainer(*device, settle(settings), data.train, kNone, start(settings));
     const Run result = run(trainer, [&](int iteration) {
       if (iteration != 10) return;
       TrainState state = trainer.state();

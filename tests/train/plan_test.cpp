@@ -9,7 +9,7 @@
 
 #include "host/lab/bench/bench_scene.hpp"
 #include "host/train/run_settings.hpp"
-#include "host/train/schedule.hpp"
+#include "host/settings/schedule.hpp"
 #include "tests/pipeline/training_runs.hpp"
 #include "tests/support/device_fixture.hpp"
 
@@ -26,9 +26,9 @@ using test::synthetic;
 // The expected 244 refinements are stated in docs/method.md, section 4.3. The numbers of splats follow from
 // the growth that is described there.
 TEST_CASE("schedule: refinements and rates are those of the paper, and scale with the iterations", "[plan]") {
-  TrainSettings settings;
+  TrainSettings settings = test::published();
   settings.cap_max = 10'000'000;
-  settings = resolve_automatic(settings);
+  settings = settle(settings).settings();
   const Schedule published(settings, 32'049, 2.0);
   CHECK(published.splats_at(1) == 4'016'842);
   CHECK(published.splats_at(0.02) == static_cast<std::uint32_t>(1.02 * 32'049));
@@ -85,7 +85,7 @@ TEST_CASE("plan: the number of splats follows from the settings", "[plan]") {
     settings.cap_max = 700;
     settings.refine.step = 1000;
     settings.growth = 1.05;
-    Trainer trainer(*device, settings, data.train, kNone, start(settings));
+    Trainer trainer(*device, settle(settings), data.train, kNone, start(settings));
     trainer.run([&](const StepReport& report) {
       REQUIRE(report.splats == Schedule(settings, 400).splats_at(report.share));
       return true;
@@ -118,10 +118,10 @@ TEST_CASE("plan: if a scene does not change, its planned intersections and memor
       settings.lr_mean = settings.lr_rgb = settings.lr_opacity = settings.lr_beta = settings.lr_scale =
           settings.lr_l_triangle = 0;
       settings.refine.end = settings.refine.first;
-      const RunPlan plan = plan_training(*device, settings, scene.views, kNone, scene.model);
+      const RunPlan plan = plan_training(*device, settle(settings), scene.views, kNone, scene.model);
       const std::uint64_t before = device->allocated_bytes();
       device->reset_peak();
-      Trainer trainer(*device, settings, scene.views, kNone, scene.model);
+      Trainer trainer(*device, settle(settings), scene.views, kNone, scene.model);
       trainer.run([](const StepReport&) { return true; });
       INFO(device->info().name << ", raster " << raster);
       CHECK(plan.views_measured == 5);
@@ -144,7 +144,7 @@ TEST_CASE("plan: for a growing scene, the plan contains its duration, stages and
     TrainSettings settings = short_run(6, 400, 1000);
     settings.cap_max = 3000;
     settings.refine.step = 300;
-    const RunPlan plan = plan_training(*device, settings, data.train, kNone, start(settings));
+    const RunPlan plan = plan_training(*device, settle(settings), data.train, kNone, start(settings));
     CHECK(plan.end.splats == 3000);
     CHECK(plan.end.measured);
     CHECK(plan.seconds == Approx(1e-3 * 400 * plan.step_ms));
@@ -181,7 +181,7 @@ TEST_CASE("plan: training with learnt backgrounds, appearance or cameras can be 
       if (what == 0) settings.appearance = Appearance::affine;
       if (what == 1) settings.background.learnt = Background::Learnt::sky;
       if (what == 2) settings.refine_cameras = RefineCameras::pose;
-      const RunPlan plan = plan_training(*device, settings, data.train, kNone, start(settings));
+      const RunPlan plan = plan_training(*device, settle(settings), data.train, kNone, start(settings));
       CHECK(plan.end.splats == 600);
       CHECK(plan.end.measured);
     }
@@ -194,7 +194,7 @@ TEST_CASE("plan: the planned capacity is at least 99 % of the intersections expe
     settings.cap_max = 2000;
     settings.refine.step = 1000;
     settings.growth = 1.3;
-    const RunPlan plan = plan_training(*device, settings, data.train, kNone, start(settings));
+    const RunPlan plan = plan_training(*device, settle(settings), data.train, kNone, start(settings));
     REQUIRE(plan.end.splats == 2000);
     CHECK(static_cast<double>(plan.intersection_room) >
           0.99 * static_cast<double>(plan.end.most_intersections));
@@ -220,7 +220,7 @@ TEST_CASE("plan: a run that does not fit into memory is rejected before anything
     device->reset_peak();
     const std::uint64_t before = device->peak_bytes();
     const std::string message = message_of(
-        [&] { plan_training(*device, settings, data.train, kNone, start(settings)); }, ErrorKind::memory);
+        [&] { plan_training(*device, settle(settings), data.train, kNone, start(settings)); }, ErrorKind::memory);
     CHECK(message.find(std::to_string(35ull * 4 * 100'000'000 >> 20)) != std::string::npos);
     CHECK(message.find(std::to_string(info.max_allocation_bytes >> 20)) != std::string::npos);
     CHECK(device->peak_bytes() == before);
@@ -230,7 +230,7 @@ TEST_CASE("plan: a run that does not fit into memory is rejected before anything
 TEST_CASE("plan: the memory for rendering a model is predicted", "[plan]") {
   for (const auto& device : devices_under_test()) {
     const bench::BenchScene scene = bench::synthetic_object(7, 4000, 90, 70, 4);
-    TrainSettings settings;
+    TrainSettings settings = test::published();
     settings.dim = 6;  // is ignored, because the dimension of the model is used
     const std::uint64_t before = device->allocated_bytes();
     device->reset_peak();

@@ -32,7 +32,7 @@ Split views_of(int width, int height) {
 }
 
 TrainSettings with(const std::string& pyramid, int iterations) {
-  TrainSettings settings;
+  TrainSettings settings = test::published();
   settings.pyramid = pyramid;
   settings.iterations = iterations;
   return settings;
@@ -142,7 +142,7 @@ TEST_CASE("pyramid: a run resumed on any level is bit-identical to an uninterrup
       settings.refine.step = 2500;
       const SplatModel start = initialise_random(settings.dim, 300, settings.seed);
       std::vector<std::pair<int, int>> widths;
-      Trainer whole(*device, settings, train, data.test, start);
+      Trainer whole(*device, settle(settings), train, data.test, start);
       whole.run([&](const StepReport& report) {
         widths.emplace_back(report.iteration, whole.scene().renderer().shape().width);
         return true;
@@ -153,9 +153,9 @@ TEST_CASE("pyramid: a run resumed on any level is bit-identical to an uninterrup
       CHECK(end.model.count > 300);
       for (const int cut : {5, 11, 12, 13, 20}) {
         INFO(device->info().name << ", masked " << masked << ", cut at " << cut);
-        Trainer first(*device, settings, train, data.test, start);
+        Trainer first(*device, settle(settings), train, data.test, start);
         first.run([&](const StepReport& report) { return report.iteration < cut; });
-        Trainer second(*device, settings, train, data.test, first.model());
+        Trainer second(*device, settle(settings), train, data.test, first.model());
         second.restore(first.state());
         // An evaluation on full images does not change training.
         CHECK(second.evaluate_test().mean.psnr == first.evaluate_test().mean.psnr);
@@ -202,13 +202,13 @@ TEST_CASE("pyramid: the planned time is the sum over all levels", "[pyramid][pla
     TrainSettings settings = short_run(3, 1000, 2000);
     settings.pyramid = "2:0.5";
     const SplatModel start = initialise_random(3, 2000, 1);
-    const RunPlan plan = plan_training(*device, settings, data.train, kNone, start);
+    const RunPlan plan = plan_training(*device, settle(settings), data.train, kNone, start);
     REQUIRE(plan.levels.size() == 2);
     CHECK((plan.levels[0].factor == 2 && plan.levels[0].until == 500));
     CHECK(plan.levels[0].start_ms > 0);
     CHECK(plan.seconds == Approx(0.5 * (plan.levels[0].start_ms + plan.levels[1].start_ms)).epsilon(1e-9));
     settings.pyramid.clear();
-    const RunPlan full = plan_training(*device, settings, data.train, kNone, start);
+    const RunPlan full = plan_training(*device, settle(settings), data.train, kNone, start);
     CHECK(full.start.most_intersections == plan.start.most_intersections);
     CHECK(full.memory.total() == plan.memory.total());
   }

@@ -76,7 +76,7 @@ TEST_CASE("sky: the learnt background equals the background of the images", "[sk
     for (const auto& device : test::devices_under_test()) {
       const double without = test::train(*device, settings_for(Background::Learnt::no), data).test.mean.psnr;
       const TrainSettings settings = settings_for(sky ? Background::Learnt::sky : Background::Learnt::colour);
-      Trainer trainer(*device, settings, data.train, data.test, test::start(settings));
+      Trainer trainer(*device, settle(settings), data.train, data.test, test::start(settings));
       trainer.run([](const StepReport&) { return true; });
       const Metrics with = trainer.evaluate_test();
       const Background found = trainer.scene().drawn_settings().background;
@@ -98,7 +98,7 @@ TEST_CASE("sky: the learnt background equals the background of the images", "[sk
       CHECK(worst < (sky ? 0.12 : 0.004));  // the bounds are twice the values on PoCL
       // Rendering the model with the settings in its header gives the same quality as the trainer.
       TrainSettings drawn = trainer.scene().drawn_settings();
-      Trainer again(*device, drawn, data.train, data.test, trainer.model());
+      Trainer again(*device, settle(drawn), data.train, data.test, trainer.model());
       CHECK(again.evaluate_test().mean.psnr == with.mean.psnr);
     }
   }
@@ -108,7 +108,7 @@ TEST_CASE("sky: the learnt background equals the background of the images", "[sk
 double on_another_background(Device& device, const Trainer& trainer, TrainSettings settings, Data data) {
   const std::array<double, 3> white{1, 1, 1};
   settings.background.colour = white;
-  return Trainer(device, settings, data.train, data.test, trainer.model()).evaluate_test().mean.psnr;
+  return Trainer(device, settle(settings), data.train, data.test, trainer.model()).evaluate_test().mean.psnr;
 }
 
 // If splats are trained in front of a single colour, opaque regions with this colour may be represented by
@@ -122,7 +122,7 @@ TEST_CASE("background: with random colours, renders do not depend on the backgro
     double own[2], white[2];
     for (const bool on : {false, true}) {
       settings.random_background = on ? RandomBackground::on : RandomBackground::off;
-      Trainer trainer(*device, settings, data.train, data.test, test::start(settings));
+      Trainer trainer(*device, settle(settings), data.train, data.test, test::start(settings));
       trainer.run([](const StepReport&) { return true; });
       own[on] = trainer.evaluate_test().mean.psnr;
       white[on] = on_another_background(*device, trainer, settings, data);

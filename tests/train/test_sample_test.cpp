@@ -88,7 +88,7 @@ Sampled sampled_run(Device& device, const TrainSettings& settings, const test::D
                     double step) {
   RestlessTime time;
   time.step = step;
-  Trainer trainer(device, settings, data.train, data.test, test::start(settings), alone(), time);
+  Trainer trainer(device, settle(settings), data.train, data.test, test::start(settings), alone(), time);
   if (samples) trainer.sample_test();
   Sampled run;
   trainer.run([&](const StepReport& report) {
@@ -127,7 +127,7 @@ TEST_CASE("test sample: the model does not depend on the sample", "[time]") {
   // The values of the samples are equal to those of evaluations at the same iterations.
   settings.eval_every = "12";
   RestlessTime still;
-  Trainer trainer(*device, settings, data.train, data.test, test::start(settings), alone(), still);
+  Trainer trainer(*device, settle(settings), data.train, data.test, test::start(settings), alone(), still);
   std::vector<double> whole;
   trainer.run([&](const StepReport& report) {
     if (report.test) whole.push_back(report.test->mean.psnr_channel_mean);

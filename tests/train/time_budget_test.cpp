@@ -7,8 +7,9 @@
 #include <catch2/catch.hpp>
 #include <functional>
 
+#include "host/base/text.hpp"
 #include "host/base/warning.hpp"
-#include "host/scene/settings.hpp"
+#include "host/settings/fields.hpp"
 #include "host/train/measure_steps.hpp"
 #include "tests/pipeline/training_runs.hpp"
 #include "tests/support/device_fixture.hpp"
@@ -56,6 +57,15 @@ std::vector<Machine> machines() {
           {"a stop of six seconds", constant(1), 20, 6}};
 }
 
+const Facts kPoints{.points = 9000};
+
+// Returns the settings of a run with the schedule fast.
+TrainSettings fast_run() {
+  TrainSettings settings;
+  settings.dim = 6;
+  return settings;
+}
+
 struct Simulated {
   TrainSettings settings;
   double seconds = 0;
@@ -68,7 +78,8 @@ struct Simulated {
 Simulated simulate(TimeBudget asked, const TrainSettings& base, std::size_t points, const Machine& machine,
                    double end_early = 1e9) {
   const Split train = views_of(800);
-  auto [settings, budget] = choose_iterations(std::move(asked), base, train, points);
+  auto [settled, budget] = choose_iterations(std::move(asked), base, {.points = points}, train);
+  TrainSettings settings = settled.plan.settings();
   const std::vector<PyramidLevel> levels = pyramid_levels(settings, train);
   BudgetPace pace(budget, settings, train, points);
   double now = budget.spent, swept = 0;
@@ -120,13 +131,13 @@ TEST_CASE("time budget: durations are parsed, and invalid ones are rejected", "[
                                       {"10 minutes", 600.0},
                                       {"1h30m", 5400.0},
                                       {"1h 30 sec", 3630.0}})
-    CHECK(time_budget_seconds(text) == seconds);
+    CHECK(parse_duration(text, "budget") == seconds);
   for (const char* wrong : {"", "s", "-5s", "0", "1d", "nan", "1e9h", "1h-3m", "1h 30min?", "inf"})
-    CHECK(message_of([&] { time_budget_seconds(wrong); }, ErrorKind::usage).find("90s") != std::string::npos);
+    CHECK(message_of([&] { parse_duration(wrong, "budget"); }, ErrorKind::usage).find("90s") != std::string::npos);
 }
 
 TEST_CASE("time budget: the time of a schedule is the sum of its steps and sweeps", "[budget]") {
-  TrainSettings settings = fast_settings();
+  TrainSettings settings = test::published();
   settings.refine = {0, 0, 1};
   settings.pyramid = "4:0.25,2:0.5";
   std::vector<StepCost> costs = some_costs();
@@ -147,21 +158,22 @@ TEST_CASE("time budget: as many iterations are chosen as fit into the budget", "
   const Split train = views_of(800);
   int before = 0;
   for (const double seconds : {5.0, 30.0, 90.0, 600.0}) {
-    const BudgetedRun run = choose_iterations(budget_of(seconds), fast_settings(), train, 9000);
-    INFO(seconds << " s: " << run.settings.iterations << " iterations");
-    CHECK(run.settings.iterations == run.budget.first_iterations);
-    CHECK(run.settings.iterations > before);
-    before = run.settings.iterations;
-    const WorkTime time(run.budget.costs, Schedule(run.settings, 9000), pyramid_levels(run.settings, train));
-    const double expected = run.settings.iterations * time.steps_left(0);
+    const BudgetedRun run = choose_iterations(budget_of(seconds), fast_run(), kPoints, train);
+    const TrainSettings& settings = run.settled.plan.settings();
+    INFO(seconds << " s: " << settings.iterations << " iterations");
+    CHECK(settings.iterations == run.budget.first_iterations);
+    CHECK(settings.iterations > before);
+    before = settings.iterations;
+    const WorkTime time(run.budget.costs, Schedule(settings, 9000), pyramid_levels(settings, train));
+    const double expected = settings.iterations * time.steps_left(0);
     CHECK(expected <= seconds - 0.5);
     CHECK(expected > 0.97 * (seconds - 0.5));
   }
   TimeBudget bounded = budget_of(1e6);
   bounded.most_iterations = 16000;
-  CHECK(choose_iterations(bounded, fast_settings(), train, 9000).settings.iterations == 16000);
+  CHECK(choose_iterations(bounded, fast_run(), kPoints, train).settled.plan.settings().iterations == 16000);
   const std::string refusal =
-      message_of([&] { choose_iterations(budget_of(0.1), fast_settings(), train, 9000); }, ErrorKind::usage);
+      message_of([&] { choose_iterations(budget_of(0.1), fast_run(), kPoints, train); }, ErrorKind::usage);
   CHECK(refusal.find("increase the budget") != std::string::npos);
   // If preparing the run has taken longer than the budget, the run gets the minimum number of iterations, and
   // the budget is increased for them.
@@ -169,9 +181,9 @@ TEST_CASE("time budget: as many iterations are chosen as fit into the budget", "
   late.spent = 50;
   std::string warning;
   set_log([&](LogLevel, const std::string& text) { warning += text; });
-  const BudgetedRun least = choose_iterations(late, fast_settings(), train, 9000);
+  const BudgetedRun least = choose_iterations(late, fast_run(), kPoints, train);
   set_log({});
-  CHECK(least.settings.iterations == kMinIterations);
+  CHECK(least.settled.plan.settings().iterations == kMinIterations);
   CHECK(least.budget.seconds > 50);
   CHECK(least.budget.seconds < 51);
   CHECK(warning.find("50 s of the budget of 20 s passed") != std::string::npos);
@@ -184,7 +196,7 @@ TEST_CASE("time budget: on fast, slow and loaded machines, runs miss the budget 
   for (const Machine& machine : machines())
     for (const auto& [seconds, sweeps] : {std::pair{45.0, false}, {45.0, true}, {400.0, false}}) {
       TimeBudget budget = budget_of(seconds);
-      TrainSettings base = fast_settings();
+      TrainSettings base = fast_run();
       if (sweeps) {
         budget.costs = with_sweeps;
         base.refine_cameras = RefineCameras::pose;
@@ -215,7 +227,7 @@ TEST_CASE("time budget: a run that is ended early gets about 10 % of its time to
 TEST_CASE("time budget: a run that is ended early completes its schedule in time", "[budget]") {
   for (const Machine& machine : machines())
     for (const double end_early : {60.0, 200.0, 350.0}) {
-      const Simulated run = simulate(budget_of(400), fast_settings(), 9000, machine, end_early);
+      const Simulated run = simulate(budget_of(400), fast_run(), 9000, machine, end_early);
       INFO(machine.name << ", ended early at " << end_early << " s: " << run.seconds << " s, "
                         << run.settings.iterations << " iterations");
       if (run.settings.iterations == kScheduleLength) continue;
@@ -227,7 +239,7 @@ TEST_CASE("time budget: a run that is ended early completes its schedule in time
 
 TEST_CASE("time budget: a run that has lost time ends soon, with its complete schedule", "[budget]") {
   const Machine stopped{"a stop of ten minutes", [](double) { return 1.0; }, 20, 600};
-  const Simulated run = simulate(budget_of(45), fast_settings(), 9000, stopped);
+  const Simulated run = simulate(budget_of(45), fast_run(), 9000, stopped);
   CHECK(run.seconds < 620 + 3);
   CHECK(share_points(run.settings).back().share == 1);
 }
@@ -238,7 +250,7 @@ TEST_CASE("time budget: if the maximum number of iterations fits, settings do no
   for (const Machine& machine : machines()) {
     TimeBudget budget = budget_of(1e5);
     budget.most_iterations = 2000;
-    const Simulated run = simulate(budget, fast_settings(), 9000, machine);
+    const Simulated run = simulate(budget, fast_run(), 9000, machine);
     CHECK(run.settings.iterations == 2000);
     shares.push_back(run.settings.work_shares);
   }
@@ -269,7 +281,7 @@ TrainSettings budgeted_settings() {
 // Checks that the settings of a finished run give a bit-identical model without a clock.
 void check_repeats(Device& device, const test::Data& data, const TrainSettings& ended,
                    const std::vector<float>& values) {
-  Trainer again(device, ended, data.train, test::kNone, test::start(budgeted_settings()));
+  Trainer again(device, settle(ended), data.train, test::kNone, test::start(budgeted_settings()));
   again.run([](const StepReport&) { return true; });
   CHECK(test::same_bits(again.model().values, values));
 }
@@ -294,7 +306,7 @@ Trained train_in_time(Device& device, const test::Data& data, TrainSettings sett
     budget.seconds = budget_seconds;
     settings.work_shares = shares_until(settings, from->state.iteration);
   }
-  Trainer trainer(device, settings, data.train, test::kNone, first, alone(), time);
+  Trainer trainer(device, settle(settings), data.train, test::kNone, first, alone(), time);
   if (from) trainer.restore(from->state);
   trainer.keep_to(budget);
   Trained out;
@@ -337,7 +349,7 @@ TEST_CASE("time budget: the settings of a finished or resumed run give the same 
       check_repeats(*device, data, read, run.model.values);
       // Resumes the run from a state in the middle, first without a clock and then with the same clock.
       TrainSettings rest = read;
-      Trainer without(*device, rest, data.train, test::kNone, test::start(settings));
+      Trainer without(*device, settle(rest), data.train, test::kNone, test::start(settings));
       without.restore(kept.state);
       without.run([](const StepReport&) { return true; });
       CHECK(test::same_bits(without.model().values, run.model.values));
@@ -375,7 +387,7 @@ TEST_CASE("time budget: a run without a budget can be completed early, continued
     const auto train = [&](const TrainSettings& with, const TrainState* from,
                            const std::function<void(Trainer&)>& begin, int early = 0) {
       test::SimulatedTime time;
-      Trainer trainer(*device, with, data.train, test::kNone, test::start(settings), alone(), time);
+      Trainer trainer(*device, settle(with), data.train, test::kNone, test::start(settings), alone(), time);
       if (from) trainer.restore(*from);
       begin(trainer);
       trainer.on_state({0, 0, [&](const TrainState& state) { kept.push_back({state, trainer.settings()}); }});
@@ -438,7 +450,7 @@ TEST_CASE("time budget: a run that was ended early can be repeated, and resumed 
   budget.first_iterations = settings.iterations;
   for (const auto& device : devices_under_test()) {
     test::SimulatedTime time;
-    Trainer trainer(*device, settings, data.train, test::kNone, test::start(settings), alone(), time);
+    Trainer trainer(*device, settle(settings), data.train, test::kNone, test::start(settings), alone(), time);
     trainer.keep_to(budget);
     std::vector<Kept> kept;
     trainer.on_state({7, 0, [&](const TrainState& state) {
@@ -486,13 +498,13 @@ TEST_CASE("time budget: a finished run can be continued for a given time, and re
   budget.first_iterations = settings.iterations;
   for (const auto& device : devices_under_test()) {
     Trained run = train_in_time(*device, data, settings, [](int) { return 0.1; });
-    Trainer first(*device, run.settings, data.train, test::kNone, test::start(settings));
+    Trainer first(*device, Plan(run.settings), data.train, test::kNone, test::start(settings));
     first.run([](const StepReport&) { return true; });
     TrainState state = first.state();
     state.seconds = run.seconds;
 
     test::SimulatedTime time;
-    Trainer trainer(*device, run.settings, data.train, test::kNone, test::start(settings), alone(), time);
+    Trainer trainer(*device, Plan(run.settings), data.train, test::kNone, test::start(settings), alone(), time);
     trainer.restore(state);
     budget.seconds = run.seconds + 20;
     trainer.keep_to(budget);
@@ -519,7 +531,7 @@ TEST_CASE("time budget: a finished run can be continued for a given time, and re
 }
 
 TEST_CASE("time budget: if no time is left, work_shares is still valid", "[budget]") {
-  TrainSettings settings = fast_settings();
+  TrainSettings settings = test::published();
   settings.iterations = 136;
   // Nearly all work is done after 36 iterations. At this time, 20 s have passed, which is twice the budget.
   settings.work_shares = "36:0.999999";
@@ -533,8 +545,7 @@ TEST_CASE("time budget: if no time is left, work_shares is still valid", "[budge
 }
 
 TEST_CASE("time budget: a new budget that is too short for the camera sweeps is extended", "[budget]") {
-  TrainSettings settings = fast_settings();
-  settings.pyramid = "";
+  TrainSettings settings = test::published();
   settings.iterations = 100;
   settings.work_shares = shares_until(settings, 10);
   // A step takes 0.1 s. Of the 20 sweeps, 19 take place after a tenth of the work, and each takes 1 s.
@@ -565,12 +576,12 @@ TEST_CASE("time budget: measure_steps() measures every level and does not change
   const test::Data data = test::synthetic("glossy", 144, 4);
   for (const auto& device : devices_under_test())
     for (const bool cameras : {false, true}) {
-      TrainSettings settings = fast_settings();
+      TrainSettings settings = fast_run();
       settings.dim = 3;
       if (cameras) settings.refine_cameras = RefineCameras::pose;
       const SplatModel initial = initialise_random(3, 800, 1);
       const std::vector<float> before = initial.values;
-      const std::vector<StepCost> costs = measure_steps(*device, settings, data.train, initial, 1600);
+      const std::vector<StepCost> costs = measure_steps(*device, settle(settings), data.train, initial, 1600);
       CHECK(initial.values == before);
       REQUIRE(costs.size() == 2);  // a quarter of 144 pixels is too small for a level of its own
       CHECK(costs[0].factor == 2);

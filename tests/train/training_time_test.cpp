@@ -44,7 +44,7 @@ TimedRun run_timed(Device& device, TrainSettings settings, const test::Data& dat
                    const Course& course) {
   if (!saves) settings.eval_every = "10s";
   test::SimulatedTime time;
-  Trainer trainer(device, settings, data.train, saves ? test::kNone : data.test, test::start(settings),
+  Trainer trainer(device, settle(settings), data.train, saves ? test::kNone : data.test, test::start(settings),
                   alone(), time);
   TimedRun run;
   if (saves)

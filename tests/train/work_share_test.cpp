@@ -2,17 +2,18 @@
 // Tests WorkShare, which computes the share of the schedule that is completed after an iteration. This share
 // is proportional to the number of iterations, or is interpolated between the points of the setting
 // work_shares. Refinements, learning rates and all other parts of the schedule depend on it.
-#include "host/train/work_share.hpp"
+#include "host/settings/work_share.hpp"
 
 #include <algorithm>
 #include <catch2/catch.hpp>
 #include <random>
 
-#include "host/scene/settings.hpp"
+#include "host/settings/fields.hpp"
 #include "host/train/pyramid.hpp"
 #include "host/train/run_settings.hpp"
-#include "host/train/schedule.hpp"
+#include "host/settings/schedule.hpp"
 #include "host/train/time_budget.hpp"
+#include "tests/support/published.hpp"
 #include "tests/support/temp_folder.hpp"
 
 namespace ubs {
@@ -21,13 +22,12 @@ namespace {
 using test::message_of;
 
 TrainSettings settings_of(int iterations, const std::string& shares = {}) {
-  TrainSettings s;
-  s.dim = 6;
+  TrainSettings s = test::published();
   s.iterations = iterations;
   s.work_shares = shares;
   s.lr_cooldown = 0.15;
   s.pyramid = "4:0.5,2:0.8";
-  return resolve_automatic(s);
+  return settle(s).settings();
 }
 
 // Returns settings with up to `points` random points in work_shares.

@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 // Tests poses, camera paths, and SceneFrame. A SceneFrame contains the estimated centre, up direction and
 // size of a scene, and camera paths are computed from it.
-#include "host/api/camera_path.hpp"
+#include "host/model/camera_path.hpp"
 
 #include <catch2/catch.hpp>
 #include <numbers>
 
-#include "host/data/splat_file.hpp"
+#include "host/formats/splat_file.hpp"
 #include "host/lab/oracle/scenes.hpp"
 #include "tests/support/data.hpp"
 #include "tests/support/temp_folder.hpp"

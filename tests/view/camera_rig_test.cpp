@@ -2,7 +2,7 @@
 // Tests values that ubs derives from the arrangement of the cameras if the data contain no points: the region
 // of the initial splats, the extent of the scene, and the clipping planes. The cameras look inwards, forwards
 // or outwards, or contain no information, for example because all are at the same position.
-#include "host/api/camera_rig.hpp"
+#include "host/scene/camera_rig.hpp"
 
 #include <catch2/catch.hpp>
 #include <numbers>
@@ -11,7 +11,7 @@
 #include "host/scene/frustum_points.hpp"
 #include "host/scene/pose.hpp"
 #include "host/scene/scene_unit.hpp"
-#include "host/scene/train_settings.hpp"
+#include "host/settings/train_settings.hpp"
 
 using namespace ubs;
 

@@ -3,7 +3,7 @@
 // buffers, the image must be the same as that of new buffers with only these splats.
 #include <catch2/catch.hpp>
 
-#include "host/api/decompose.hpp"
+#include "host/model/decompose.hpp"
 #include "host/lab/oracle/scenes.hpp"
 #include "host/pipeline/device_groups.hpp"
 #include "host/train/run_settings.hpp"

@@ -2,7 +2,7 @@
 // Tests the selection of splats by quantiles of their spatial, angular or temporal betas: the correct
 // parameter rows are used, adjacent ranges contain each splat exactly once, and invalid arguments are
 // rejected.
-#include "host/api/decompose.hpp"
+#include "host/model/decompose.hpp"
 
 #include <limits>
 #include <numeric>

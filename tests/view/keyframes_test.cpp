@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Tests reading files with keyframes of a camera path: valid files, and error messages for invalid files.
-#include "host/api/keyframes.hpp"
+#include "host/model/keyframes.hpp"
 
 #include <catch2/catch.hpp>
 #include <numbers>

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Tests panoramas and fisheye images, which are composed of several pinhole images, the faces
-// (host/data/lens_image.hpp).
-#include "host/data/lens_image.hpp"
+// (host/dataset/lens_image.hpp).
+#include "host/dataset/lens_image.hpp"
 
 #include <catch2/catch.hpp>
 #include <cmath>

@@ -5,9 +5,9 @@
 #include <catch2/catch.hpp>
 
 #include "host/base/json.hpp"
-#include "host/data/image.hpp"
-#include "host/data/ply.hpp"
-#include "host/data/video.hpp"
+#include "host/dataset/image.hpp"
+#include "host/formats/ply.hpp"
+#include "host/dataset/video.hpp"
 #include "host/lab/oracle/scenes.hpp"
 #include "tests/support/images.hpp"
 #include "tests/support/run_ubs.hpp"

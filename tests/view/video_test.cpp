@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Tests writing videos by reading them with OpenCV: the number of frames, their order, and that each frame is
 // similar to the image that was written. Also tests errors when videos are written or read.
-#include "host/data/video.hpp"
+#include "host/dataset/video.hpp"
 
 #include <sys/resource.h>
 #include <unistd.h>
@@ -10,7 +10,7 @@
 #include <csignal>
 #include <opencv2/videoio.hpp>
 
-#include "host/data/video_writer.hpp"
+#include "host/dataset/video_writer.hpp"
 #include "tests/support/images.hpp"
 #include "tests/support/set_variable.hpp"
 #include "tests/support/temp_folder.hpp"

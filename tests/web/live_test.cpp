@@ -21,7 +21,7 @@ TEST_CASE("live: a request that arrives while training stops is rendered after t
   const auto device = devices_under_test().at(0);
   const test::Data data = test::synthetic("glossy", 16, 3);
   const TrainSettings settings = test::short_run(3, 20, 100);
-  Trainer trainer(*device, settings, data.train, test::kNone, test::start(settings));
+  Trainer trainer(*device, settle(settings), data.train, test::kNone, test::start(settings));
   Server server({"127.0.0.1", 0});
   LiveTraining live(server, 100, *device, trainer, settings,
                     {.title = "test", .frame = {}, .cameras = data.train.views});
@@ -54,7 +54,7 @@ TEST_CASE("live: the page shows the final model as long as a viewer sends reques
   const auto device = devices_under_test().at(0);
   const test::Data data = test::synthetic("glossy", 16, 3);
   const TrainSettings settings = test::short_run(3, 20, 100);
-  Trainer trainer(*device, settings, data.train, test::kNone, test::start(settings));
+  Trainer trainer(*device, settle(settings), data.train, test::kNone, test::start(settings));
   Server server({"127.0.0.1", 0});
   test::SimulatedTime time;
   LiveTraining live(server, 5, *device, trainer, settings,

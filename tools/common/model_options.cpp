@@ -6,12 +6,12 @@
 #include <utility>
 #include <vector>
 
-#include "host/api/open_data.hpp"
+#include "host/run/open_data.hpp"
 #include "host/base/error.hpp"
 #include "host/base/paths.hpp"
-#include "host/data/splat_file.hpp"
+#include "host/formats/splat_file.hpp"
 #include "host/look/report/run_record.hpp"
-#include "host/scene/settings.hpp"
+#include "host/settings/fields.hpp"
 #include "host/train/checkpoint.hpp"
 #include "tools/common/output.hpp"
 #include "tools/common/run_folder.hpp"

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // ModelOptions has the options that are common to all commands for rendering a model
-// (host/api/model_session.hpp), such as render, eval and gradients.
+// (host/model/model_session.hpp), such as render, eval and gradients.
 #pragma once
 
 #include <CLI/CLI.hpp>
@@ -8,10 +8,10 @@
 #include <optional>
 #include <string>
 
-#include "host/api/model_session.hpp"
-#include "host/api/open_data.hpp"
-#include "host/data/splat_file.hpp"
-#include "host/scene/train_settings.hpp"
+#include "host/model/model_session.hpp"
+#include "host/run/open_data.hpp"
+#include "host/formats/splat_file.hpp"
+#include "host/settings/train_settings.hpp"
 #include "tools/common/settings_options.hpp"
 
 namespace ubs::tools {

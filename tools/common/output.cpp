@@ -4,7 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "host/api/open_data.hpp"
+#include "host/run/open_data.hpp"
 #include "host/base/json.hpp"
 
 namespace ubs::tools {

@@ -13,7 +13,7 @@
 #include "host/base/json.hpp"
 #include "host/base/text.hpp"
 #include "host/base/warning.hpp"
-#include "host/data/load_report.hpp"
+#include "host/scene/load_report.hpp"
 #include "host/device/device.hpp"
 #include "host/scene/mixed_model.hpp"
 #include "host/train/evaluate.hpp"

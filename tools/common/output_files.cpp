@@ -12,8 +12,8 @@
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
 #include "host/base/paths.hpp"
-#include "host/data/load_dataset.hpp"
-#include "host/data/splat_file.hpp"
+#include "host/dataset/load_dataset.hpp"
+#include "host/formats/splat_file.hpp"
 
 namespace ubs::tools {
 namespace {

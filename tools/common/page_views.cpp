@@ -5,7 +5,7 @@
 
 #include <filesystem>
 
-#include "host/api/camera_path.hpp"
+#include "host/model/camera_path.hpp"
 
 namespace ubs::tools {
 namespace {

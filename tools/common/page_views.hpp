@@ -6,7 +6,7 @@
 #include <optional>
 #include <string>
 
-#include "host/api/open_data.hpp"
+#include "host/run/open_data.hpp"
 #include "host/look/serve/live.hpp"
 #include "tools/common/model_options.hpp"
 

@@ -6,7 +6,7 @@
 #include <cmath>
 #include <numbers>
 
-#include "host/api/keyframes.hpp"
+#include "host/model/keyframes.hpp"
 #include "host/base/error.hpp"
 #include "tools/common/job.hpp"
 #include "tools/common/number_check.hpp"

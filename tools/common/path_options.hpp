@@ -8,9 +8,9 @@
 #include <span>
 #include <string>
 
-#include "host/api/camera_path.hpp"
-#include "host/data/image.hpp"
-#include "host/data/splat_file.hpp"
+#include "host/model/camera_path.hpp"
+#include "host/dataset/image.hpp"
+#include "host/formats/splat_file.hpp"
 #include "host/scene/dataset.hpp"
 
 namespace ubs::tools {

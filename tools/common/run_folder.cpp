@@ -11,8 +11,8 @@
 #include <cstring>
 #include <sstream>
 
-#include "host/api/open_data.hpp"
-#include "host/api/run_cameras.hpp"
+#include "host/run/open_data.hpp"
+#include "host/run/run_cameras.hpp"
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
 #include "host/base/json.hpp"
@@ -20,10 +20,10 @@
 #include "host/base/text.hpp"
 #include "host/base/uninterrupted.hpp"
 #include "host/base/warning.hpp"
-#include "host/data/image.hpp"
-#include "host/data/ply.hpp"
+#include "host/dataset/image.hpp"
+#include "host/formats/ply.hpp"
 #include "host/scene/scene_unit.hpp"
-#include "host/scene/settings.hpp"
+#include "host/settings/fields.hpp"
 #include "tools/common/output_files.hpp"
 
 namespace ubs::tools {
@@ -239,8 +239,9 @@ void RunFolder::save_metrics(const Json& json) {
   if (writes_) write_file_atomically(metrics(), json_file_text(json));
 }
 
-void RunFolder::save_cameras(Trainer& trainer, const Split& train, const Split& test, const Dataset& data,
-                             double unit, bool finished) {
+void RunFolder::save_cameras(TrainingRun& run, bool finished) {
+  Trainer& trainer = run.trainer();
+  const double unit = run.plan().unit();
   if (!trainer.scene().cameras().refines() || !writes_) return;
   std::vector<FittedCamera> refined, held_out;
   if (finished) {
@@ -254,8 +255,8 @@ void RunFolder::save_cameras(Trainer& trainer, const Split& train, const Split& 
       scale_lengths(fitted.camera, unit);
       fitted.deviation.centre *= unit;
     }
-  const std::array<RunCameras, 2> splits{{{train, refined}, {test, held_out}}};
-  write_run_cameras(cameras(), splits, data.offset, data.report.folder);
+  const std::array<RunCameras, 2> splits{{{run.train(), refined}, {run.test(), held_out}}};
+  write_run_cameras(cameras(), splits, run.offset(), run.report().folder);
 }
 
 void RunFolder::remove_checkpoint() {

@@ -11,11 +11,11 @@
 #include <string>
 #include <vector>
 
-#include "host/data/load_dataset.hpp"
+#include "host/dataset/load_dataset.hpp"
 #include "host/scene/splat_model.hpp"
-#include "host/scene/train_settings.hpp"
+#include "host/settings/train_settings.hpp"
 #include "host/train/checkpoint.hpp"
-#include "host/train/trainer.hpp"
+#include "host/run/training_run.hpp"
 #include "tools/common/output.hpp"
 
 namespace ubs::tools {
@@ -56,11 +56,8 @@ class RunFolder {
   void save_model(const SplatModel& model, std::span<const std::string> comments = {});
   void save_metrics(const Json& metrics);
   // Writes the cameras of a run that refines them; does nothing for other runs. For a run that is not
-  // finished, writes only those of the training views, without deviations. `data` is the data set that the
-  // splits were taken from; only its offset and folder are used. `unit` is the length in the data
-  // that counts as 1 in training.
-  void save_cameras(Trainer& trainer, const Split& train, const Split& test, const Dataset& data, double unit,
-                    bool finished);
+  // finished, writes only those of the training views, without deviations.
+  void save_cameras(TrainingRun& run, bool finished);
   // Returns the names of the files that save_renders() writes to renders().
   static std::vector<std::string> render_names(const Split& split, int count);
   // Writes one image per view, for at most `count` evenly spaced views (-1: all views). An image shows the

@@ -8,7 +8,7 @@
 #include <variant>
 
 #include "host/base/error.hpp"
-#include "host/scene/settings.hpp"
+#include "host/settings/fields.hpp"
 #include "tools/common/help.hpp"
 
 namespace ubs::tools {
@@ -74,7 +74,7 @@ void SettingsOptions::limit(std::vector<std::string_view> keys, std::string_view
       fail(ErrorKind::usage, "{} {}", option_name(entry.key), why);
 }
 
-TrainSettings SettingsOptions::resolve(TrainSettings settings) const {
+TrainSettings SettingsOptions::apply(TrainSettings settings) const {
   const std::vector<FieldValue> fields = bind_fields(settings, train_fields());
   std::vector<FieldValue> own;
   std::ranges::copy_if(fields, std::back_inserter(own), [&](const FieldValue& f) { return offered(f.key); });
@@ -87,6 +87,11 @@ TrainSettings SettingsOptions::resolve(TrainSettings settings) const {
       set_field(own, entry.key, entry.text, option_name(entry.key));
       settings.chosen.insert(entry.key);
     }
+  return settings;
+}
+
+TrainSettings SettingsOptions::resolve(TrainSettings base) const {
+  TrainSettings settings = apply(std::move(base));
   validate(settings);
   return settings;
 }

@@ -11,15 +11,9 @@
 #include <string_view>
 #include <vector>
 
-#include "host/scene/train_settings.hpp"
+#include "host/settings/train_settings.hpp"
 
 namespace ubs::tools {
-
-// Help of --dim for commands in which the data determine N by default.
-inline constexpr const char* kAutoDimHelp =
-    "number of dimensions N of a splat: 3 (position), 4 (with time), 6 (with view direction), 7 (with both); "
-    "each further query value of the data adds one, up to 11; auto: the dimensions that differ between the "
-    "training views [auto]";
 
 class SettingsOptions {
  public:
@@ -30,7 +24,9 @@ class SettingsOptions {
 
   // Makes all these options require the option `flag`.
   void need(CLI::App& app, CLI::Option* flag);
-  TrainSettings resolve(TrainSettings base = {}) const;  // validated; `base` replaces the defaults
+  // Returns the settings; `base` replaces the defaults. resolve() also validates them.
+  TrainSettings apply(TrainSettings base) const;
+  TrainSettings resolve(TrainSettings base = {}) const;
   // Allows only these fields from now on. Throws Error(usage) with the text "--OPTION `why`" if another one
   // was given.
   void limit(std::vector<std::string_view> keys, std::string_view why);

@@ -5,10 +5,10 @@
 #include <filesystem>
 #include <memory>
 
-#include "host/api/open_data.hpp"
+#include "host/run/open_data.hpp"
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
-#include "host/data/synthetic.hpp"
+#include "host/dataset/synthetic.hpp"
 #include "host/lab/accuracy/table.hpp"
 #include "host/lab/bench/runner.hpp"
 #include "tools/common/bench_environment.hpp"

@@ -4,15 +4,15 @@
 #include <CLI/CLI.hpp>
 #include <memory>
 
-#include "host/api/proved_device.hpp"
+#include "host/run/proved_device.hpp"
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
 #include "host/base/json.hpp"
-#include "host/data/splat_file.hpp"
+#include "host/formats/splat_file.hpp"
 #include "host/device/registry.hpp"
 #include "host/lab/bench/bench_scene.hpp"
 #include "host/lab/bench/report.hpp"
-#include "host/scene/settings.hpp"
+#include "host/settings/fields.hpp"
 #include "tools/common/bench_environment.hpp"
 #include "tools/common/interrupt.hpp"
 #include "tools/common/model_options.hpp"

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tools/lab/bench_data.hpp"
 
-#include "host/api/open_data.hpp"
+#include "host/run/open_data.hpp"
 #include "host/base/error.hpp"
-#include "host/data/splat_file.hpp"
+#include "host/formats/splat_file.hpp"
 
 namespace ubs::tools {
 namespace {

@@ -5,10 +5,10 @@
 
 #include <string>
 
-#include "host/api/open_data.hpp"
+#include "host/run/open_data.hpp"
 #include "host/lab/bench/bench_case.hpp"
 #include "host/lab/bench/bench_scene.hpp"
-#include "host/scene/train_settings.hpp"
+#include "host/settings/train_settings.hpp"
 
 namespace ubs::tools {
 

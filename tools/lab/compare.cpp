@@ -7,13 +7,13 @@
 #include <filesystem>
 #include <memory>
 
-#include "host/api/open_data.hpp"
-#include "host/api/training_data.hpp"
+#include "host/run/open_data.hpp"
+#include "host/run/training_run.hpp"
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
 #include "host/base/statistics.hpp"
 #include "host/base/stopwatch.hpp"
-#include "host/data/ply.hpp"
+#include "host/formats/ply.hpp"
 #include "host/device/registry.hpp"
 #include "host/lab/accuracy/truth.hpp"
 #include "host/scene/initialise.hpp"
@@ -136,14 +136,10 @@ void compare_with(const Result& reference, const Result& result, Comparison& row
 
 TrainingResult train_on(Device& device, const CompareOptions& options, TrainSettings settings) {
   settings.iterations = options.train_iterations;
-  Dataset data =
-      open_dataset(options.run.opened, options.data, {"train", options.split}, settings, Images::load);
-  Split train = take_train(data, settings);
-  Split test = options.split == "train" ? Split{} : take_split(data, options.split);
-  divide_by_unit(data, std::array{&train, &test}, settings.unit);
-  if (options.split == "train") test = train;
-  settings = in_unit(settings);
-  Trainer trainer(device, settings, train, test, initial_model(data, train, settings));
+  auto data = std::make_shared<Dataset>(
+      open_dataset(options.run.opened, options.data, {"train", "test"}, settings, Images::load));
+  TrainingRun run(std::move(data), settings);
+  Trainer& trainer = run.start(device, run.initial());
   TrainingResult result;
   trainer.run([&](const StepReport& report) {
     if (report.test) result.test = report.test->mean;

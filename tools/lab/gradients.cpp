@@ -7,11 +7,11 @@
 #include <cmath>
 #include <memory>
 
-#include "host/api/open_data.hpp"
-#include "host/api/proved_device.hpp"
+#include "host/run/open_data.hpp"
+#include "host/run/proved_device.hpp"
 #include "host/base/error.hpp"
-#include "host/data/npy.hpp"
-#include "host/data/ply.hpp"
+#include "host/dataset/npy.hpp"
+#include "host/formats/ply.hpp"
 #include "host/pipeline/view_gradient.hpp"
 #include "host/train/run_settings.hpp"
 #include "tools/common/model_options.hpp"

@@ -4,7 +4,7 @@
 #include <algorithm>
 #include <memory>
 
-#include "host/api/proved_device.hpp"
+#include "host/run/proved_device.hpp"
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
 #include "host/device/registry.hpp"

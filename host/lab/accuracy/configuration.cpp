@@ -2,7 +2,7 @@
 #include "host/lab/accuracy/configuration.hpp"
 
 #include "host/base/error.hpp"
-#include "host/scene/settings.hpp"
+#include "host/settings/fields.hpp"
 
 namespace ubs::accuracy {
 namespace {

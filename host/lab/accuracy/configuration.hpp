@@ -7,7 +7,7 @@
 #include <string>
 #include <vector>
 
-#include "host/scene/train_settings.hpp"
+#include "host/settings/train_settings.hpp"
 
 namespace ubs::accuracy {
 

@@ -10,7 +10,7 @@
 #include "host/base/stopwatch.hpp"
 #include "host/device/registry.hpp"
 #include "host/lab/accuracy/truth.hpp"
-#include "host/scene/settings.hpp"
+#include "host/settings/fields.hpp"
 #include "host/train/run_settings.hpp"
 
 namespace ubs::accuracy {

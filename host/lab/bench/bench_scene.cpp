@@ -7,9 +7,9 @@
 
 #include "host/base/error.hpp"
 #include "host/base/temporary_folder.hpp"
-#include "host/data/blender.hpp"
-#include "host/data/npy.hpp"
-#include "host/data/synthetic.hpp"
+#include "host/dataset/blender.hpp"
+#include "host/dataset/npy.hpp"
+#include "host/dataset/synthetic.hpp"
 #include "host/scene/initialise.hpp"
 #include "host/scene/pose.hpp"
 #include "host/train/trainer.hpp"
@@ -31,14 +31,15 @@ Camera orbit_camera(double azimuth, int width, int height) {
   return camera_at(pose, {width, height, std::vector<double>(8)});
 }
 
-TrainSettings short_training(const TrainedOptions& options) {
+Plan short_training(const TrainedOptions& options) {
   TrainSettings settings;
+  settings.schedule = ScheduleKind::published;
   settings.dim = options.dim;
   settings.iterations = options.iterations;
   settings.init_points = settings.cap_max = static_cast<int>(options.splats);
   settings.raster = options.raster;
   settings.variant = options.variant;
-  return settings;
+  return settle(settings);
 }
 
 std::vector<float> garden_array(const std::filesystem::path& folder, const char* name, std::size_t columns) {

@@ -44,7 +44,7 @@ struct TrainedOptions {
   std::string raster = "auto";
   ModelVariant variant = {};
 };
-// Returns a built-in scene of host/data/synthetic.hpp, trained for `iterations` iterations on images of at
+// Returns a built-in scene of host/dataset/synthetic.hpp, trained for `iterations` iterations on images of at
 // most 100x100 pixels.
 BenchScene trained_scene(Device& device, const std::string& scene, const TrainedOptions& options);
 

@@ -6,7 +6,7 @@
 #include "host/lab/bench/bench_scene.hpp"
 #include "host/lab/bench/operation.hpp"
 #include "host/pipeline/device_groups.hpp"
-#include "host/scene/train_settings.hpp"
+#include "host/settings/train_settings.hpp"
 
 namespace ubs::bench {
 

@@ -11,7 +11,7 @@
 #include "host/pipeline/capture_stages.hpp"
 #include "host/pipeline/device_model.hpp"
 #include "host/pipeline/renderer.hpp"
-#include "host/scene/train_settings.hpp"
+#include "host/settings/train_settings.hpp"
 
 namespace ubs::bench {
 

@@ -8,7 +8,7 @@
 #include "host/base/error.hpp"
 #include "host/base/parallel.hpp"
 #include "host/base/philox.hpp"
-#include "host/data/synthetic.hpp"
+#include "host/dataset/synthetic.hpp"
 #include "host/lab/bench/bench_scene.hpp"
 #include "host/scene/spatial_factor.hpp"
 

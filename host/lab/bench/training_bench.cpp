@@ -4,7 +4,7 @@
 #include <algorithm>
 
 #include "host/lab/bench/cpu_clock.hpp"
-#include "host/scene/settings.hpp"
+#include "host/settings/fields.hpp"
 #include "host/train/run_settings.hpp"
 
 namespace ubs::bench {
@@ -21,13 +21,14 @@ double all_device_ms(const Device& device) {
   return total;
 }
 
-TrainSettings frozen_training(const BenchScene& scene, const IterationOptions& options) {
+Plan frozen_training(const BenchScene& scene, const IterationOptions& options) {
   TrainSettings s;
   s.dim = scene.model.dim;
   s.variant = scene.model.variant;
   s.iterations = 30000;
   s.init_points = s.cap_max = static_cast<int>(scene.model.count);
-  s.refine.first = 0;
+  s.schedule = ScheduleKind::published;
+  s.refine = {0, 25000, 100};
   s.raster = options.raster == RasterKind::cpu ? "cpu" : "gpu";
   s.log_every = kSampleIterations;
   s.list_counts = options.list_counts;
@@ -39,7 +40,7 @@ TrainSettings frozen_training(const BenchScene& scene, const IterationOptions& o
   for (const std::string& assignment : kernel_assignments(options.work))
     set_field(fields, assignment, "benchmark");
   if (!s.freeze.empty()) s.refine.end = 0;
-  return s;
+  return settle(s);
 }
 
 }  // namespace

@@ -9,9 +9,9 @@
 #include <opencv2/imgproc.hpp>
 #include <vector>
 
-#include "host/api/picture.hpp"
+#include "host/model/picture.hpp"
 #include "host/base/error.hpp"
-#include "host/data/opencv_parts.hpp"
+#include "host/dataset/opencv_parts.hpp"
 #include "host/look/report/html.hpp"
 
 namespace ubs {

@@ -11,7 +11,7 @@
 #include "host/look/report/histogram.hpp"
 #include "host/look/report/page_picture.hpp"
 #include "host/look/report/splat_values.hpp"
-#include "host/scene/settings.hpp"
+#include "host/settings/fields.hpp"
 
 namespace ubs {
 namespace {

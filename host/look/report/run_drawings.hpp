@@ -7,7 +7,7 @@
 #include <string>
 #include <vector>
 
-#include "host/api/decompose.hpp"
+#include "host/model/decompose.hpp"
 #include "host/look/report/run_record.hpp"
 #include "host/scene/dataset.hpp"
 #include "host/scene/mixed_model.hpp"
@@ -57,7 +57,7 @@ RunDrawings draw_run(Device& device, const MixedModel& model, const TrainSetting
                      const std::vector<View>& views);
 
 // Returns a camera of width x height pixels with an angle of view of 45 degrees along the shorter side. It is
-// on the orbit that shows most of the model (host/api/scene_frame.hpp) from 25 degrees above, at `azimuth`
+// on the orbit that shows most of the model (host/model/scene_frame.hpp) from 25 degrees above, at `azimuth`
 // [rad]. It is used for models without cameras.
 Camera circling_camera(const MixedModel& model, double azimuth, int width, int height);
 

@@ -12,8 +12,8 @@
 #include "host/base/file.hpp"
 #include "host/base/json.hpp"
 #include "host/base/paths.hpp"
-#include "host/scene/settings.hpp"
-#include "host/scene/yaml_reader.hpp"
+#include "host/settings/fields.hpp"
+#include "host/settings/yaml_reader.hpp"
 
 namespace ubs {
 namespace {

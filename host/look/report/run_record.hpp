@@ -11,7 +11,7 @@
 #include <vector>
 
 #include "host/base/json.hpp"
-#include "host/scene/train_settings.hpp"
+#include "host/settings/train_settings.hpp"
 
 namespace ubs {
 

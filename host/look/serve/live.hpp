@@ -9,8 +9,8 @@
 #include <string>
 #include <vector>
 
-#include "host/api/model_session.hpp"
-#include "host/api/scene_frame.hpp"
+#include "host/model/model_session.hpp"
+#include "host/model/scene_frame.hpp"
 #include "host/base/time_source.hpp"
 #include "host/look/serve/server.hpp"
 #include "host/scene/dataset.hpp"

@@ -5,9 +5,9 @@
 #include <opencv2/imgproc.hpp>
 
 #include "host/base/error.hpp"
-#include "host/data/image.hpp"
-#include "host/data/opencv_parts.hpp"
-#include "host/data/png.hpp"
+#include "host/dataset/image.hpp"
+#include "host/dataset/opencv_parts.hpp"
+#include "host/dataset/png.hpp"
 
 namespace ubs::serve {
 namespace {

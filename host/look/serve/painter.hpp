@@ -7,7 +7,7 @@
 #include <span>
 #include <string>
 
-#include "host/data/image.hpp"
+#include "host/dataset/image.hpp"
 #include "host/pipeline/renderer.hpp"
 
 namespace ubs::serve {

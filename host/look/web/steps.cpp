@@ -8,8 +8,8 @@
 #include <numeric>
 #include <optional>
 
-#include "host/api/decompose.hpp"
-#include "host/api/picture.hpp"
+#include "host/model/decompose.hpp"
+#include "host/model/picture.hpp"
 #include "host/base/error.hpp"
 #include "host/base/philox.hpp"
 #include "host/look/report/page_picture.hpp"

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// pack_for_web() compresses a model by rounding its parameters (host/data/ubsz.hpp). It chooses the
+// pack_for_web() compresses a model by rounding its parameters (host/formats/ubsz.hpp). It chooses the
 // quantisation steps so that the images of a set of cameras keep a given PSNR against those of the exact
 // model.
 #pragma once
@@ -8,8 +8,8 @@
 #include <string>
 #include <vector>
 
-#include "host/api/model_session.hpp"
-#include "host/data/ubsz.hpp"
+#include "host/model/model_session.hpp"
+#include "host/formats/ubsz.hpp"
 #include "host/scene/dataset.hpp"
 
 namespace ubs::web {

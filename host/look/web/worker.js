@@ -435,7 +435,7 @@ function prepare(group, s) {
 }
 
 // ---- Selection by betas ----
-// Returns for each splat the quantile of its beta, as in host/api/decompose.hpp. Returns null if the model has no
+// Returns for each splat the quantile of its beta, as in host/model/decompose.hpp. Returns null if the model has no
 // such beta.
 function quantiles(model, kind) {
   const {groups, switches: s} = model;
