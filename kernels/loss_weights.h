@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // This file defines the weights of the loss (method.md 4.1) as kernel arguments. To add a term, add its weight here, its
 // formula to math/loss.h (terms of the image) or math/adam.h (penalties of parameters), and the setting that it comes
-// from to host/device/loss_weights.hpp.
+// from to host/train/target_loss.hpp. The functions of host/device/loss_weights.hpp do not compile until they know it.
 #pragma once
 
 typedef struct {

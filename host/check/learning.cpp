@@ -49,8 +49,11 @@ class Steps {
     moment2_.upload(s.moment2);
   }
   Regularise penalty(bool any = true) const {
-    return {splats(), v_params_.view(),
-            any ? PenaltyWeights{kOpacityWeight, kScaleWeight} : PenaltyWeights{}};
+    PenaltyWeights weights{};
+    auto& [opacity, scale] = weights;  // all terms: this does not compile when one is added
+    opacity = any ? kOpacityWeight : 0;
+    scale = any ? kScaleWeight : 0;
+    return {splats(), v_params_.view(), weights};
   }
   AdamStep adam(std::uint64_t step) const {
     return {.splats = splats(),

@@ -266,7 +266,7 @@ struct ImageLoss {
   // image and in the target), and their gradient is 0. If the mask is empty, all pixels are used.
   BufferView<std::uint8_t> mask;  // (height, width)
   std::uint32_t counted = 0;      // number of pixels whose mask is not 0; only used with a mask
-  LossWeights weights{0.8f, 0.2f};
+  LossWeights weights = loss_weights(0.2f);
   float scale = 1;     // factor of the gradient: 1 / batch size
   bool clamp = false;  // clamp the image to [0, 1] first, for evaluations
   // out (3, rows, pitch), 0 outside of the image. If it is empty, no gradient is computed.
@@ -342,7 +342,7 @@ struct SkyStep {
 struct Regularise {
   SplatView splats;
   BufferView<float> v_params;
-  PenaltyWeights weights{};
+  PenaltyWeights weights{};  // 0: no penalty
   // Number of splats that the means are computed over. If it is 0, splats.count is used.
   std::uint32_t total = 0;
 };

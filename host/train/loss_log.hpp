@@ -8,8 +8,7 @@
 
 #include "host/base/error.hpp"
 #include "host/device/device.hpp"
-#include "host/device/loss_weights.hpp"
-#include "host/settings/train_settings.hpp"
+#include "host/train/target_loss.hpp"
 
 namespace ubs {
 

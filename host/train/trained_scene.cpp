@@ -8,6 +8,7 @@
 #include "host/scene/extent.hpp"
 #include "host/scene/frozen_groups.hpp"
 #include "host/train/shared_splats.hpp"
+#include "host/train/target_loss.hpp"
 
 namespace ubs {
 namespace {

@@ -2,12 +2,14 @@
 // Tests that the files of each folder of the code (a "room") only include headers of the folders that
 // kMayInclude lists. These rules keep the layers of docs/architecture.md apart: a folder includes no headers
 // of higher layers, and only the files of a back end include its headers. Also tests that no two headers have
-// the same name, and which atomic functions kernels use.
+// the same name, that the rooms below training see no settings of a training, and which atomic functions
+// kernels use.
 #include <catch2/catch.hpp>
 #include <filesystem>
 #include <fstream>
 #include <map>
 #include <regex>
+#include <set>
 #include <sstream>
 #include <string>
 
@@ -63,6 +65,34 @@ TEST_CASE("files of a room only include headers that their room may include") {
       ++files;
     }
   CHECK(files > 300);
+}
+
+// Adds the files that `file` includes, directly or through other files, to `reached`.
+void add_included(const fs::path& file, std::set<std::string>& reached) {
+  std::ifstream stream(file);
+  for (std::string line; std::getline(stream, line);) {
+    if (!line.starts_with("#include \"")) continue;
+    const std::string name = line.substr(10, line.rfind('"') - 10);
+    const fs::path included = fs::path(UBS_SOURCE_DIR) / name;
+    if (fs::exists(included) && reached.insert(name).second) add_included(included, reached);
+  }
+}
+
+// The operations are described by plain structs, which code of training fills in. So the devices and the
+// renderer do not depend on the settings of a training, and need not be compiled again when one is added.
+TEST_CASE("devices, back ends and the pipeline see no settings of a training") {
+  std::size_t files = 0;
+  for (const char* room : {"host/device", "host/opencl", "cuda_backend", "host/pipeline", "host/check"})
+    for (const auto& entry : fs::recursive_directory_iterator(fs::path(UBS_SOURCE_DIR) / room)) {
+      if (!entry.is_regular_file()) continue;
+      std::set<std::string> reached;
+      add_included(entry.path(), reached);
+      INFO(entry.path().string());
+      for (const char* settings : {"train_settings.hpp", "read_settings.hpp", "settings.hpp", "field.hpp"})
+        CHECK(!reached.contains(std::string("host/scene/") + settings));
+      if (reached.contains("host/device/stages.hpp")) ++files;
+    }
+  CHECK(files > 50);
 }
 
 TEST_CASE("no two headers have the same name") {

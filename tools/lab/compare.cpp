@@ -18,6 +18,7 @@
 #include "host/lab/accuracy/truth.hpp"
 #include "host/scene/initialise.hpp"
 #include "host/train/run_settings.hpp"
+#include "host/train/target_loss.hpp"
 #include "host/train/trainer.hpp"
 #include "tools/common/model_options.hpp"
 #include "tools/common/number_check.hpp"

@@ -12,6 +12,7 @@
 #include "host/lab/accuracy/truth.hpp"
 #include "host/settings/fields.hpp"
 #include "host/train/run_settings.hpp"
+#include "host/train/target_loss.hpp"
 
 namespace ubs::accuracy {
 namespace {
