@@ -42,7 +42,8 @@ CudaMemory::~CudaMemory() {
 DeviceAddress CudaMemory::address() const {
   cudaPointerAttributes attributes{};
   check(cudaPointerGetAttributes(&attributes, pointer_), "cudaPointerGetAttributes");
-  return {pointer_, attributes.type == cudaMemoryTypeDevice, attributes.device};
+  const bool on_card = attributes.type == cudaMemoryTypeDevice;
+  return {pointer_, on_card ? MemoryKind::cuda : MemoryKind::host, attributes.device};
 }
 
 CudaDevice::CudaDevice(int ordinal, DeviceInfo info)

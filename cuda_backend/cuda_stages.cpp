@@ -7,9 +7,7 @@
 #include "cuda_backend/cuda_raster.hpp"
 #include "cuda_backend/grid.hpp"
 #include "cuda_backend/kernel_choice.hpp"
-#include "host/device/kernel_options.hpp"
-#include "host/device/map_stages.hpp"
-#include "host/device/parameter_stages.hpp"
+#include "host/device/backend.hpp"
 
 namespace ubs::cuda {
 namespace {

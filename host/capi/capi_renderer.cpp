@@ -557,7 +557,7 @@ ubs_status ubs_renderer_get_array(ubs_renderer* renderer, ubs_array_name name, u
     session.device().finish();
     const DeviceAddress address = found.memory->address();
     out.values = static_cast<float*>(address.pointer);
-    out.type = address.on_card ? 2 : 1;
+    out.type = static_cast<std::int32_t>(address.kind);
     out.ordinal = address.ordinal;
     if (name == UBS_ARRAY_PARAMETERS || name == UBS_ARRAY_GRADIENT) {
       out.dims = 2;

@@ -12,6 +12,8 @@
 #include <string>
 #include <vector>
 
+#include "host/base/memory_kind.hpp"
+
 namespace ubs {
 
 using Bytes = std::vector<std::byte>;
@@ -40,8 +42,8 @@ class Communicator {
   // receive() has returned. Other functions may be called before that.
   virtual std::unique_ptr<Exchange> start(const Pieces& pieces) = 0;
   std::vector<Bytes> exchange(const Pieces& pieces) { return start(pieces)->finish(); }
-  // Returns whether the pieces that are sent and received may be in the memory of a CUDA device.
-  virtual bool takes_card_memory() const { return false; }
+  // Returns whether the pieces that are sent and received may be in memory of this kind.
+  virtual bool takes_memory(MemoryKind kind) const { return kind == MemoryKind::host; }
   // Sums the values over all ranks, modulo 2^64. All ranks get the result.
   virtual void sum(std::span<std::uint64_t> values) = 0;
 

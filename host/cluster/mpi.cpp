@@ -41,7 +41,8 @@ class MpiRanks final : public Communicator {
   int rank() const override { return rank_; }
   int size() const override { return size_; }
 
-  bool takes_card_memory() const override {
+  bool takes_memory(MemoryKind kind) const override {
+    if (kind != MemoryKind::cuda) return Communicator::takes_memory(kind);
     int takes = 0;
 #if defined(MPIX_CUDA_AWARE_SUPPORT)  // Open MPI
     takes = MPIX_Query_cuda_support();

@@ -16,13 +16,14 @@
 #include <vector>
 
 #include "host/base/error.hpp"
+#include "host/base/memory_kind.hpp"
 
 namespace ubs {
 
 enum class DeviceType { cpu, gpu, accelerator };
 
 struct DeviceInfo {
-  std::string backend;   // "opencl", "cuda"
+  std::string backend;   // name of the back end in the table of registry.cpp, for example "opencl"
   std::string platform;  // e.g. "Portable Computing Language"
   std::string vendor, name, driver, version;
   DeviceType type = DeviceType::cpu;
@@ -34,6 +35,7 @@ struct DeviceInfo {
   unsigned float_vector_width = 1;
   bool has_double = false;
   bool sorts_by_copying = false;  // sorting by tile needs memory for a second copy of keys and values
+  bool has_cpu_raster = false;    // supports RasterKind::cpu; all devices support RasterKind::gpu
   // PCI address, for example "0000:1b:00.0", or empty if unknown. All back ends report the same address for a
   // GPU.
   std::string pci;
@@ -60,8 +62,8 @@ struct KernelConfig;
 // DeviceAddress is an address of device memory, for other code in the same process.
 struct DeviceAddress {
   void* pointer = nullptr;
-  bool on_card = false;  // memory of a CUDA device; otherwise the host can read it
-  int ordinal = 0;       // index of the CUDA device
+  MemoryKind kind = MemoryKind::host;
+  int ordinal = 0;  // number of the device among those with memory of this kind
 };
 
 // Memory is an allocation on a device, without a type. Back ends derive their classes from it.

@@ -4,19 +4,16 @@
 #include <cstdlib>
 #include <fstream>
 #include <sstream>
-#include <utility>
 
 #include "host/base/error.hpp"
 
 namespace ubs {
 
-// This array is generated during the build. It contains the name and the text of each source. The last entry
-// has a null name.
-extern const std::pair<const char*, const char*> kEmbeddedKernels[];
-
 std::string kernel_source(const std::string& name) {
+  const EmbeddedKernel* entry = kEmbeddedKernels;
+  while (entry->name && name != entry->name) ++entry;
   const char* folder = std::getenv("UBS_KERNEL_DIR");
-  if (folder && *folder && !name.starts_with("cuda_backend/")) {
+  if (folder && *folder && !entry->of_back_end) {
     const std::string path = std::string(folder) + "/" + name;
     std::ifstream file(path);
     if (!file)
@@ -25,9 +22,9 @@ std::string kernel_source(const std::string& name) {
     text << file.rdbuf();
     return text.str();
   }
-  for (const auto* entry = kEmbeddedKernels; entry->first; ++entry)
-    if (name == entry->first) return entry->second;
-  fail(ErrorKind::internal, "kernel source '{}' is not embedded; add it to kernels/CMakeLists.txt", name);
+  if (!entry->name)
+    fail(ErrorKind::internal, "kernel source '{}' is not embedded; add it to kernels/CMakeLists.txt", name);
+  return entry->text;
 }
 
 }  // namespace ubs

@@ -21,7 +21,7 @@ std::unique_ptr<Stages> make_stages(Device& device, const KernelConfig& config) 
 std::unique_ptr<MetricOps> make_metric_ops(Device& device) { return device.make_metric_ops(); }
 
 RasterKind raster_kind(const std::string& choice, const DeviceInfo& info) {
-  if (choice == "cpu" && info.backend == "cuda")
+  if (choice == "cpu" && !info.has_cpu_raster)
     fail(ErrorKind::usage, "raster = cpu: {} supports only the kernels for GPUs: use auto or gpu", info.name);
   if (choice == "cpu") return RasterKind::cpu;
   if (choice == "gpu") return RasterKind::gpu;

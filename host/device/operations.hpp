@@ -17,8 +17,8 @@ std::unique_ptr<Stages> make_stages(Device& device, const KernelConfig& config);
 // Returns the kind of rasteriser for a choice, which must be "cpu", "gpu" or "auto". RasterKind::cpu
 // processes blocks of pixels with explicit vectors, and RasterKind::gpu processes one pixel per work-item.
 // "auto" selects RasterKind::cpu if the device has vectors of floats (float_vector_width > 1), and otherwise
-// RasterKind::gpu. Throws Error(usage) for any other choice, and for "cpu" on CUDA devices, which only
-// support RasterKind::gpu.
+// RasterKind::gpu. Throws Error(usage) for any other choice, and for "cpu" on devices that only support
+// RasterKind::gpu.
 RasterKind raster_kind(const std::string& choice, const DeviceInfo& info);
 
 }  // namespace ubs

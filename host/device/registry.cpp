@@ -35,16 +35,29 @@ std::string list_text(const std::vector<DeviceInfo>& devices) {
   return text;
 }
 
+// The table of back ends, in the order in which their devices are listed.
 std::vector<Backend>& backends() {
   static std::vector<Backend> all{
+      {.name = "cuda",
 #ifdef UBS_WITH_CUDA
-      {cuda::list_devices, cuda::open_device},
+       .list_devices = cuda::list_devices,
+       .open_device = cuda::open_device
 #endif
+      },
+      {.name = "opencl",
 #ifdef UBS_WITH_OPENCL
-      {opencl::list_devices, [](std::size_t index) { return opencl::open_device(index); }},
+       .list_devices = opencl::list_devices,
+       .open_device = [](std::size_t index) { return opencl::open_device(index); },
+       .leave_drivers_alone = opencl::leave_drivers_alone,
+       .keep_driver_caches = opencl::keep_driver_cache
 #endif
+      },
   };
   return all;
+}
+
+std::vector<DeviceInfo> devices_of(const Backend& backend) {
+  return backend.list_devices ? backend.list_devices() : std::vector<DeviceInfo>{};
 }
 
 using Candidates = std::vector<std::size_t>;  // indices in the list of devices
@@ -75,7 +88,7 @@ std::optional<std::size_t> find_device(const std::vector<DeviceInfo>& devices, s
   // The back end is compared before the names, because the OpenCL platform of NVIDIA GPUs is called "NVIDIA
   // CUDA".
   const std::string backend = wanted.substr(0, wanted.find(':'));
-  const bool names_backend = backend == "cuda" || backend == "opencl";
+  const bool names_backend = std::ranges::find(backends(), backend, &Backend::name) != backends().end();
   if (names_backend) wanted.erase(0, backend.size() + 1);
   Candidates candidates;
   for (std::size_t i = 0; i < devices.size(); ++i)
@@ -96,7 +109,7 @@ void register_backend(Backend backend) { backends().push_back(std::move(backend)
 std::vector<DeviceInfo> list_devices() {
   std::vector<DeviceInfo> all;
   for (const Backend& backend : backends())
-    for (DeviceInfo& info : backend.list_devices()) all.push_back(std::move(info));
+    for (DeviceInfo& info : devices_of(backend)) all.push_back(std::move(info));
   return all;
 }
 
@@ -130,7 +143,7 @@ std::size_t choose_device(const std::vector<DeviceInfo>& devices, const std::str
 std::unique_ptr<Device> open_device(std::size_t index) {
   std::size_t before = 0;
   for (const Backend& backend : backends()) {
-    const std::size_t count = backend.list_devices().size();
+    const std::size_t count = devices_of(backend).size();
     if (index < before + count) return backend.open_device(index - before);
     before += count;
   }
@@ -142,15 +155,13 @@ std::unique_ptr<Device> open_device(const std::string& request) {
 }
 
 void leave_drivers_alone() {
-#ifdef UBS_WITH_OPENCL
-  opencl::leave_drivers_alone();
-#endif
+  for (const Backend& backend : backends())
+    if (backend.leave_drivers_alone) backend.leave_drivers_alone();
 }
 
-void keep_driver_caches([[maybe_unused]] SetVariable set) {
-#ifdef UBS_WITH_OPENCL
-  opencl::keep_driver_cache(set);
-#endif
+void keep_driver_caches(SetVariable set) {
+  for (const Backend& backend : backends())
+    if (backend.keep_driver_caches) backend.keep_driver_caches(set);
 }
 
 }  // namespace ubs

@@ -19,12 +19,12 @@ std::vector<DeviceInfo> list_devices();
 // Returns the index of the device that `request` selects. A request is one of these:
 //   an index in the list, for example "0"
 //   a type: "cpu", "gpu" or "accelerator"
-//   a back end: "cuda" or "opencl" selects its first GPU, or its first device if it has no GPU
+//   a back end: for example "cuda" selects its first GPU, or its first device if it has no GPU
 //   a part of the name of the platform, the vendor or the device, in upper or lower case
-// "cuda:" or "opencl:" before an index, a type or a name restricts the search to this back end. If the
-// request is empty, the environment variable UBS_DEVICE is used as the request. If it is not set either, the
-// first GPU is selected, or the first device if there is no GPU. Throws Error(device) with a list of the
-// devices if no device matches.
+// The name of a back end and a colon ("cuda:") before an index, a type or a name restrict the search to this
+// back end. If the request is empty, the environment variable UBS_DEVICE is used as the request. If it is not
+// set either, the first GPU is selected, or the first device if there is no GPU. Throws Error(device) with a
+// list of the devices if no device matches.
 std::size_t choose_device(const std::vector<DeviceInfo>& devices, const std::string& request);
 // Returns a list of indices that starts with the index that choose_device() returns. If neither the request
 // nor UBS_DEVICE selects a device, the list also contains all other devices, which callers try if the first
@@ -45,11 +45,17 @@ void leave_drivers_alone();
 // library, because the environment belongs to the whole process.
 void keep_driver_caches(SetVariable set);
 
-// Backend provides the devices of a back end. Tests register additional back ends, whose devices are at the
-// end of the list.
+// Backend is a row of the table of back ends (registry.cpp); host/device/backend.hpp describes all that a
+// back end provides. Tests register additional back ends, whose devices are at the end of the list.
 struct Backend {
-  std::function<std::vector<DeviceInfo>()> list_devices;
-  std::function<std::unique_ptr<Device>(std::size_t)> open_device;
+  std::string name;  // in lower case; DeviceInfo::backend of its devices, and the word that selects them
+  // If a build does not contain the back end, its row has only the name. So the name never selects a device
+  // of another back end that is called similarly.
+  std::function<std::vector<DeviceInfo>()> list_devices = {};
+  std::function<std::unique_ptr<Device>(std::size_t)> open_device = {};
+  // Implementations of leave_drivers_alone() and keep_driver_caches(), if the back end needs them.
+  std::function<void()> leave_drivers_alone = {};
+  std::function<void(SetVariable)> keep_driver_caches = {};
 };
 void register_backend(Backend backend);
 

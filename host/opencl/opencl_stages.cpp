@@ -1,8 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // This file implements the interface Stages on an OpenCL device. It passes each operation to the class that
 // launches the kernels of this operation.
-#include "host/device/map_stages.hpp"
-#include "host/device/parameter_stages.hpp"
+#include "host/device/backend.hpp"
 #include "host/opencl/image_loss.hpp"
 #include "host/opencl/lists.hpp"
 #include "host/opencl/projection.hpp"

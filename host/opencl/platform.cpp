@@ -88,6 +88,7 @@ GroupLimits group_limits(cl_device_id device) {
 DeviceInfo describe_device(const std::string& platform, cl_device_id device) {
   DeviceInfo info;
   info.backend = "opencl";
+  info.has_cpu_raster = true;
   info.platform = platform;
   info.name = device_text(device, CL_DEVICE_NAME);
   info.vendor = device_text(device, CL_DEVICE_VENDOR);

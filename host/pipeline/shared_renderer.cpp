@@ -16,7 +16,7 @@ std::uint32_t sum_of(std::span<const std::uint32_t> counts) {
 // Returns the address of the buffer, or null if other ranks cannot access it.
 std::byte* within_reach(Communicator& ranks, const Buffer<float>& rows) {
   const DeviceAddress address = rows.view().memory->address();
-  return address.on_card && !ranks.takes_card_memory() ? nullptr : static_cast<std::byte*>(address.pointer);
+  return ranks.takes_memory(address.kind) ? static_cast<std::byte*>(address.pointer) : nullptr;
 }
 
 }  // namespace

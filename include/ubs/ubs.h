@@ -472,7 +472,8 @@ typedef enum ubs_array_name {
 typedef struct ubs_array {
   size_t size;
   float* values; /* address in the memory of the device */
-  /* DLPack type and number of the device: 2 and the number of the CUDA device, or 1 and 0 for a CPU. */
+  /* Kind of the memory, as DLPack numbers it (1: host memory, with the number 0; 2: memory of a CUDA device),
+   * and number of the device. */
   int32_t type, ordinal;
   int32_t dims;                 /* number of dimensions, 1 to 3 */
   int64_t shape[3], strides[3]; /* size of each dimension, and distance of its elements in floats */

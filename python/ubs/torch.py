@@ -55,7 +55,8 @@ def _array(tensor: Tensor) -> FloatArray:
 
 def _is_shared(drawing: Drawing, tensor: Tensor) -> bool:
     """Returns whether the tensor is in the memory of the device that renders."""
-    return drawing.place == ((2, tensor.device.index) if tensor.is_cuda else (1, 0))
+    kind, number = tensor.__dlpack_device__()
+    return drawing.place == (int(kind), number)
 
 
 def _shared(drawing: Drawing, name: str, size: tuple[int, int] = (0, 0)) -> Tensor:

@@ -119,7 +119,9 @@ Backend broken_gpu() {
     info.type = DeviceType::gpu;
     return std::vector{info};
   };
-  return {list, [](std::size_t) { return opencl::open_device(0); }};
+  return {.name = "opencl", .list_devices = list, .open_device = [](std::size_t) {
+            return opencl::open_device(0);
+          }};
 }
 
 TEST_CASE("first use: a broken device is skipped by default, and is an error if the user has selected it") {

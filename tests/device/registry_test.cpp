@@ -20,6 +20,7 @@ DeviceInfo device(const char* backend, const char* platform, const char* name, D
   info.vendor = type == DeviceType::gpu ? "NVIDIA" : "GenuineIntel";
   info.name = name;
   info.type = type;
+  info.has_cpu_raster = info.backend == "opencl";
   return info;
 }
 
@@ -29,8 +30,9 @@ const std::vector<DeviceInfo> kCardAndCpu{
     device("opencl", "NVIDIA CUDA", "NVIDIA H200", DeviceType::gpu),
 };
 
-TEST_CASE("`auto` selects the rasteriser by the vector width, and CUDA devices reject the rasteriser `cpu`",
-          "[registry]") {
+TEST_CASE(
+    "`auto` selects the rasteriser by the vector width, and devices without the rasteriser `cpu` reject it",
+    "[registry]") {
   DeviceInfo cpu = kCardAndCpu[1];
   cpu.float_vector_width = 16;
   CHECK(raster_kind("auto", cpu) == RasterKind::cpu);
@@ -38,7 +40,7 @@ TEST_CASE("`auto` selects the rasteriser by the vector width, and CUDA devices r
   CHECK(raster_kind("auto", cpu) == RasterKind::gpu);
   CHECK(raster_kind("cpu", cpu) == RasterKind::cpu);
   CHECK(raster_kind("auto", kCardAndCpu[0]) == RasterKind::gpu);
-  CHECK_THROWS_AS(raster_kind("cpu", kCardAndCpu[0]), Error);  // CUDA devices have only the rasteriser `gpu`
+  CHECK_THROWS_AS(raster_kind("cpu", kCardAndCpu[0]), Error);
 }
 
 TEST_CASE("a device is found by index, type, back end, platform and name", "[registry]") {
@@ -76,7 +78,7 @@ TEST_CASE("without CUDA devices, a request selects an OpenCL device or is an err
   CHECK(choose_device(devices, "") == 1);
   CHECK(choose_device(devices, "H200") == 1);
   for (const char* request :
-       {"cuda", "cuda:H200", "opencl:A100", "2", "opencl:2", "12345678901234567890", "quantum"}) {
+       {"cuda", "cuda:H200", "opencl:A100", "2", "opencl:2", "12345678901234567890", "valve"}) {
     const std::string message = test::message_of([&] { choose_device(devices, request); }, ErrorKind::device);
     INFO(request);
     CHECK(message.find(request) != std::string::npos);
@@ -85,11 +87,24 @@ TEST_CASE("without CUDA devices, a request selects an OpenCL device or is an err
   CHECK(!test::message_of([] { choose_device({}, ""); }, ErrorKind::device).empty());
 }
 
+TEST_CASE("the name of any back end in the table selects its devices", "[registry]") {
+  ::unsetenv("UBS_DEVICE");
+  register_backend({.name = "quantum", .list_devices = [] { return std::vector<DeviceInfo>{}; }});
+  std::vector<DeviceInfo> devices = kCardAndCpu;
+  devices.push_back(device("opencl", "Quantum simulator", "quantum cpu", DeviceType::cpu));
+  CHECK_THROWS_AS(choose_device(devices, "quantum"), Error);  // not a part of the name of an OpenCL device
+  devices.push_back(device("quantum", "abacus", "first", DeviceType::accelerator));
+  devices.push_back(device("quantum", "abacus", "second", DeviceType::accelerator));
+  CHECK(choose_device(devices, "quantum") == 4);
+  CHECK(choose_device(devices, "Quantum:second") == 5);
+  CHECK(choose_device(devices, "quantum:1") == 5);
+}
+
 TEST_CASE("UBS_DEVICE selects the device if no option does", "[registry]") {
   ::setenv("UBS_DEVICE", "opencl:cpu", 1);
   CHECK(choose_device(kCardAndCpu, "") == 1);
   CHECK(choose_device(kCardAndCpu, "gpu") == 0);
-  ::setenv("UBS_DEVICE", "quantum", 1);
+  ::setenv("UBS_DEVICE", "valve", 1);
   CHECK(
       test::message_of([] { choose_device(kCardAndCpu, ""); }, ErrorKind::device).starts_with("UBS_DEVICE"));
   ::unsetenv("UBS_DEVICE");

@@ -95,6 +95,44 @@ TEST_CASE("devices, back ends and the pipeline see no settings of a training") {
   CHECK(files > 50);
 }
 
+// host/device/backend.hpp is the contract of a back end, so it must be complete.
+TEST_CASE("back ends use only those headers of host/device that backend.hpp includes") {
+  std::set<std::string> contract{"host/device/backend.hpp"};
+  add_included(fs::path(UBS_SOURCE_DIR) / "host/device/backend.hpp", contract);
+  std::size_t uses = 0;
+  for (const char* room : {"host/opencl", "cuda_backend"})
+    for (const auto& entry : fs::recursive_directory_iterator(fs::path(UBS_SOURCE_DIR) / room)) {
+      std::ifstream file(entry.path());
+      for (std::string line; std::getline(file, line);) {
+        if (!line.starts_with("#include \"host/device/")) continue;
+        INFO(entry.path().string() << ": " << line);
+        CHECK(contract.contains(line.substr(10, line.rfind('"') - 10)));
+        ++uses;
+      }
+    }
+  CHECK(uses > 20);
+}
+
+// Names of back ends in quotes. Code that asks for a back end by its name treats every other one in the same
+// way as one of those that exist, which is wrong for some future back end.
+TEST_CASE("only back ends and the table of back ends contain the name of a back end") {
+  std::size_t files = 0;
+  const std::regex name(R"re("(cuda|opencl|cuda_backend/[^"]*)")re");
+  for (const char* folder : {"host", "tools"})
+    for (const auto& entry : fs::recursive_directory_iterator(fs::path(UBS_SOURCE_DIR) / folder)) {
+      const std::string path = fs::relative(entry.path(), UBS_SOURCE_DIR).generic_string();
+      if (!path.ends_with("pp") || path.starts_with("host/opencl/") || path == "host/device/registry.cpp")
+        continue;
+      std::ifstream file(entry.path());
+      for (std::string line; std::getline(file, line);) {
+        if (line.find("//") < line.find('"') || line.starts_with("#include")) continue;
+        if (std::regex_search(line, name)) FAIL_CHECK(path << ": " << line);
+      }
+      ++files;
+    }
+  CHECK(files > 300);
+}
+
 TEST_CASE("no two headers have the same name") {
   std::map<std::string, std::string> places;
   for (const char* folder : {"host", "tools", "cuda_backend", "kernels", "include", "tests"})

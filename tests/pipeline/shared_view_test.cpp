@@ -26,7 +26,9 @@ class Office {
     Desk(Office& office, int rank) : office_(office), rank_(rank) {}
     int rank() const override { return rank_; }
     int size() const override { return static_cast<int>(office_.sent_.size()); }
-    bool takes_card_memory() const override { return office_.takes_cards_; }
+    bool takes_memory(MemoryKind kind) const override {
+      return kind == MemoryKind::host || office_.takes_cards_;
+    }
     void sum(std::span<std::uint64_t>) override {}
     std::unique_ptr<Exchange> start(const Pieces& pieces) override {
       auto& sent = office_.sent_[static_cast<std::size_t>(rank_)];

@@ -5,7 +5,7 @@
 #include <cstdlib>
 
 #include "host/base/error.hpp"
-#include "tests/cuda/backend.hpp"
+#include "tests/cuda/cuda_on_host.hpp"
 #include "tests/support/whole_sweep.hpp"
 
 namespace ubs::test {
@@ -60,12 +60,12 @@ std::vector<std::shared_ptr<Device>> opencl_devices_under_test() {
 }
 
 std::vector<RasterKind> rasters_of(const Device& device) {
-  if (device.info().backend == "cuda") return {RasterKind::gpu};
+  if (!device.info().has_cpu_raster) return {RasterKind::gpu};
   return {RasterKind::cpu, RasterKind::gpu};
 }
 
 std::vector<std::string> raster_names_of(const Device& device) {
-  if (device.info().backend == "cuda") return {"gpu"};
+  if (!device.info().has_cpu_raster) return {"gpu"};
   return {"cpu", "gpu"};
 }
 

@@ -23,7 +23,7 @@ class DeviceSubject final : public TuneSubject {
 
 BenchScene tuning_scene(const DeviceInfo& device, bool quick) {
   if (quick) return synthetic_object(6, 3'000, 64, 64, 1);
-  if (device.backend == "cuda") return synthetic_object(6, 300'000, 800, 800, 1);
+  if (device.type == DeviceType::gpu) return synthetic_object(6, 300'000, 800, 800, 1);
   return synthetic_object(6, 100'000, 400, 400, 1);
 }
 

@@ -8,8 +8,8 @@
 
 namespace ubs::bench {
 
-// Returns the synthetic object in a size that keeps the device busy: 100K splats on 400x400 pixels for
-// OpenCL, and 300K on 800x800 for CUDA. If `quick` is true, the object has only 3K splats on 64x64 pixels.
+// Returns the synthetic object in a size that keeps the device busy: 300K splats on 800x800 pixels for GPUs,
+// and 100K on 400x400 for other devices. If `quick` is true, the object has only 3K splats on 64x64 pixels.
 BenchScene tuning_scene(const DeviceInfo& device, bool quick);
 
 // Runs choose_values() for a device. Afterwards the device uses the chosen values. Throws Error(usage) if the
