@@ -43,8 +43,9 @@
 #define UBS_FALLOFF_BETA 0
 #define UBS_FALLOFF_GAUSSIAN 1
 // The user has defined the kernel by expressions (OwnFalloff of host/device/stages.hpp). The parameters of the model
-// are those of the kernel beta.
-#define UBS_FALLOFF_OWN 2
+// are those of the kernel beta. The number is negative, because the numbers from 0 on are those of the table of kernels
+// (host/scene/spatial_kernel.hpp).
+#define UBS_FALLOFF_OWN (-1)
 
 // Representation of the colour. 0 is rgb. 1 to 4 are spherical harmonics up to degree 0 to 3. 5 to 7 are one to three
 // spherical Beta lobes.
@@ -62,39 +63,48 @@
 #define UBS_DIRECT 0
 #endif
 
+// ---- The spatial kernel ----
+// Each kernel has a block of numbers here and a block of formulas in math/falloff.h:
+//   UBS_KERNEL_HAS_BETA   1 if the model has a raw beta for the kernel
+//   UBS_SUPPORT           the kernel ends where the squared distance r reaches this value
+//   UBS_KERNEL_ALPHA_MAX  alpha is reduced to this value
+//   UBS_KERNEL_ALPHA_MIN  contributions with alpha < this value are skipped; with 0, none are skipped
+#if UBS_FALLOFF == UBS_FALLOFF_BETA
+#define UBS_KERNEL_HAS_BETA 1
+#define UBS_SUPPORT R(1.0)
+#define UBS_KERNEL_ALPHA_MAX UBS_ALPHA_MAX
+#define UBS_KERNEL_ALPHA_MIN R(0.0)
+#elif UBS_FALLOFF == UBS_FALLOFF_GAUSSIAN
+#define UBS_KERNEL_HAS_BETA 0
+// 3.33 standard deviations. At this distance even the alpha of an opaque splat is below 1/255, because the value is
+// larger than 2 ln 255 = 11.083. So only the limit of alpha determines where a Gaussian ends.
+#define UBS_SUPPORT R(11.0889)
+#define UBS_KERNEL_ALPHA_MAX UBS_ALPHA_MAX_GAUSSIAN
+#define UBS_KERNEL_ALPHA_MIN UBS_ALPHA_MIN_GAUSSIAN
+#elif UBS_FALLOFF == UBS_FALLOFF_OWN
+#define UBS_KERNEL_HAS_BETA 1
+#define UBS_SUPPORT UBS_OWN_SUPPORT
+#define UBS_KERNEL_ALPHA_MAX UBS_ALPHA_MAX
+#define UBS_KERNEL_ALPHA_MIN R(0.0)
+#else
+#error "UBS_FALLOFF: no such kernel"
+#endif
+
 // ---- Consequences of the choices ----
 // Number of lobes, and number of coefficients per colour channel.
 #define UBS_LOBES (UBS_COLOUR > 4 ? UBS_COLOUR - 4 : 0)
 #define UBS_SH_COUNT (UBS_LOBES > 0 ? 1 : UBS_COLOUR * UBS_COLOUR)
 enum {  // 1 if the model has a raw beta for the spatial kernel, and raw betas for the query dimensions
-  kHasSpatialBeta = UBS_FALLOFF != UBS_FALLOFF_GAUSSIAN,
+  kHasSpatialBeta = UBS_KERNEL_HAS_BETA,
   kHasQueryBeta = (UBS_BETA_COND == UBS_BETA_COND_ON) | (UBS_BETA_OPACITY == UBS_BETA_OPACITY_TANH),
 };
-
-// The spatial kernel ends where the squared distance r reaches this value. For the Gaussian kernel it corresponds to
-// 3.33 standard deviations. At this distance even the alpha of an opaque splat is below 1/255, because the value is
-// larger than 2 ln 255 = 11.083. So only the limit of alpha determines where a Gaussian ends.
-#if UBS_FALLOFF == UBS_FALLOFF_OWN
-#define UBS_SUPPORT UBS_OWN_SUPPORT
-#else
-#define UBS_SUPPORT (UBS_FALLOFF == UBS_FALLOFF_GAUSSIAN ? R(11.0889) : R(1.0))
-// The expressions of r and beta that the user defines with UBS_FALLOFF_OWN: log2 of the falloff, and its derivatives
-// with respect to r and beta. The definitions here only allow the code to compile; their values are not used.
-#define UBS_OWN_LOG2 (r * beta)
-#define UBS_OWN_R_SLOPE (r * beta)
-#define UBS_OWN_BETA_SLOPE (r * beta)
-#endif
-#if UBS_FALLOFF > UBS_FALLOFF_OWN
-#error "UBS_FALLOFF: no such kernel"  // without this, the code would silently use one of the kernels
-#endif
 
 // ---- Optional restrictions that save work (docs/variants.md) ----
 #ifndef UBS_ALPHA_MIN  // contributions with alpha <= this value are skipped; with 0, none are skipped
 #define UBS_ALPHA_MIN R(0.0)
 #endif
 // The smallest alpha that contributes, if there is a limit. With a limit, the extent of a splat depends on its opacity.
-#define UBS_LEAST_ALPHA \
-  (kHasSpatialBeta || UBS_ALPHA_MIN > UBS_ALPHA_MIN_GAUSSIAN ? UBS_ALPHA_MIN : UBS_ALPHA_MIN_GAUSSIAN)
+#define UBS_LEAST_ALPHA (UBS_ALPHA_MIN > UBS_KERNEL_ALPHA_MIN ? UBS_ALPHA_MIN : UBS_KERNEL_ALPHA_MIN)
 #define UBS_OPACITY_EXTENTS (UBS_LEAST_ALPHA > R(0.0))
 
 // If UBS_ABSGRAD is 1, the gradient of a splat's position in the image is replaced by a sum of absolute values. The sum

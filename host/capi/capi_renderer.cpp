@@ -108,8 +108,8 @@ std::size_t splats_of(const ubs_renderer& renderer) {
 
 void check_gaussians(const MixedModel& model) {
   const ModelVariant variant = model.variant();
-  if (model.groups.size() != 1 || model.dim() != 3 || variant.has_spatial_beta() || variant.lobes() > 0 ||
-      variant.rot_mode != RotMode::quaternion)
+  if (model.groups.size() != 1 || model.dim() != 3 || variant.kernel != SpatialKernel::gaussian ||
+      variant.lobes() > 0 || variant.rot_mode != RotMode::quaternion)
     fail(ErrorKind::usage,
          "UBS_RENDER_GAUSSIANS requires a model with dim = 3, kernel = gaussian, rot_mode = quaternion and "
          "no lobes, not {} ({})",
@@ -204,7 +204,7 @@ OwnFalloff falloff_from(const ubs_falloff& falloff, const MixedModel& model) {
     fail(ErrorKind::usage, "falloff.support = {} must be above 0 and at most 100", own.support);
   for (const SplatModel& group : model.groups)
     if (!group.variant.has_spatial_beta())
-      fail(ErrorKind::usage, "falloff: requires the kernel beta, but the variant of the model is {}",
+      fail(ErrorKind::usage, "falloff: requires a kernel with beta, but the variant of the model is {}",
            to_string(group.variant));
   return own;
 }

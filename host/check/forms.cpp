@@ -17,16 +17,16 @@ std::vector<Form> make_forms() {
                          .kernel = SpatialKernel::gaussian,
                          .colour = ColourMode::sh3,
                          .conditioning = Conditioning::direct};
-  const std::vector<Form> others{// Values of switches that select other formulas
-                                 {6, {.rot_mode = RotMode::exp}},
-                                 {6, {.cov_param = CovParam::cholesky}},
-                                 {6, {.cov_param = CovParam::skew_nd}},
-                                 {6, {.beta_cond = BetaCond::off}},
-                                 {6, {.beta_opacity = BetaOpacity::none}},
-                                 {6, {.beta_opacity = BetaOpacity::gaussian}},
-                                 {6, {.cov_mode = CovMode::whiten}},
-                                 {6, {.kernel = SpatialKernel::gaussian}},
-                                 {6, {.antialias = Antialias::on}},
+  // Values of switches that select other formulas
+  const std::vector<Form> shapes{
+      {6, {.rot_mode = RotMode::exp}},          {6, {.cov_param = CovParam::cholesky}},
+      {6, {.cov_param = CovParam::skew_nd}},    {6, {.beta_cond = BetaCond::off}},
+      {6, {.beta_opacity = BetaOpacity::none}}, {6, {.beta_opacity = BetaOpacity::gaussian}},
+      {6, {.cov_mode = CovMode::whiten}}};
+  all.insert(all.end(), shapes.begin(), shapes.end());
+  for (std::size_t kernel = 1; kernel < kSpatialKernels.size(); ++kernel)
+    all.push_back({6, {.kernel = static_cast<SpatialKernel>(kernel)}});
+  const std::vector<Form> others{{6, {.antialias = Antialias::on}},
                                  {6, {.conditioning = Conditioning::direct}},
                                  {6, {.colour = ColourMode::sb2}},
                                  {6, {.colour = ColourMode::sh1}},

@@ -3,6 +3,7 @@
 
 #include "host/base/error.hpp"
 #include "host/scene/frozen_groups.hpp"
+#include "kernels/variant.h"
 
 namespace ubs {
 namespace {
@@ -18,14 +19,14 @@ Options gradient_options(const KernelConfig& config) {
   return options;
 }
 
-// Returns the options for a user-defined falloff. The number 2 is the value of UBS_FALLOFF_OWN in
-// kernels/variant.h.
+// Returns the options for a user-defined falloff.
 Options own_falloff_options(const KernelConfig& config) {
   if (!config.falloff) return {};
   const OwnFalloff& own = *config.falloff;
   // A hexadecimal number represents the float exactly.
-  return {"-DUBS_FALLOFF=2", "-DUBS_OWN_LOG2=" + own.log2, "-DUBS_OWN_R_SLOPE=" + own.r_slope,
-          "-DUBS_OWN_BETA_SLOPE=" + own.beta_slope, fmt::format("-DUBS_OWN_SUPPORT={:a}f", own.support)};
+  return {fmt::format("-DUBS_FALLOFF={}", UBS_FALLOFF_OWN), "-DUBS_OWN_LOG2=" + own.log2,
+          "-DUBS_OWN_R_SLOPE=" + own.r_slope, "-DUBS_OWN_BETA_SLOPE=" + own.beta_slope,
+          fmt::format("-DUBS_OWN_SUPPORT={:a}f", own.support)};
 }
 
 }  // namespace
@@ -35,7 +36,9 @@ void append(Options& options, const Options& more) {
 }
 
 Options variant_options(const KernelConfig& config) {
-  Options options = variant_options(config.variant);
+  ModelVariant variant = config.variant;
+  if (config.falloff) variant.kernel = {};  // own_falloff_options() replaces it
+  Options options = variant_options(variant);
   append(options, own_falloff_options(config));
   return options;
 }

@@ -10,7 +10,7 @@ std::unique_ptr<Stages> make_stages(Device& device, const KernelConfig& config) 
     fail(ErrorKind::usage, "splats can have 3 to 11 dimensions, not {}", config.dim);
   check_variant(config.dim, config.variant);
   if (config.gaussian_arrays &&
-      (config.dim != 3 || config.variant.has_spatial_beta() || config.variant.lobes() > 0 ||
+      (config.dim != 3 || config.variant.kernel != SpatialKernel::gaussian || config.variant.lobes() > 0 ||
        config.variant.rot_mode != RotMode::quaternion || config.frozen != 0))
     fail(ErrorKind::internal,
          "gaussian_arrays requires dim = 3, kernel = gaussian, rot_mode = quaternion, no lobes and no frozen "

@@ -46,7 +46,7 @@ struct KernelConfig {
   bool depth_grad = false;    // gradients of projected splats include the depth (kGradDepth)
   bool absgrad = false;       // kGradX and kGradY are sums of absolute values (UBS_ABSGRAD)
   ModelVariant variant = {};  // variant of the method; together with `dim` it determines the parameter rows
-  std::optional<OwnFalloff> falloff = {};  // requires the spatial kernel beta
+  std::optional<OwnFalloff> falloff = {};  // requires a spatial kernel with beta
   float alpha_min = 0;  // contributions with alpha <= alpha_min are skipped; if it is 0, none are skipped
   // Enables the backward pass. If it is false, slots and masks are not computed, and the operations that need
   // gradients throw an error.

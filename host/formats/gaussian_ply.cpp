@@ -27,7 +27,9 @@ struct Names {
   std::string dc, rest;
 };
 Names names_of(SpatialKernel kernel) {
-  return kernel == SpatialKernel::beta ? Names{"sh0_", "shN_"} : Names{"f_dc_", "f_rest_"};
+  if (kernel == SpatialKernel::beta) return {"sh0_", "shN_"};
+  if (kernel == SpatialKernel::gaussian) return {"f_dc_", "f_rest_"};
+  fail(ErrorKind::internal, "PLY files of other programs cannot store the kernel {}", row_of(kernel).name);
 }
 
 // Returns the number of spherical Beta lobes per splat of a DBS file, which stores `values` lobe parameters

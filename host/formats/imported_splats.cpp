@@ -84,7 +84,7 @@ void ImportedSplats::resize(std::size_t count) {
   opacity_logits.resize(count);
   sh.resize(count * 3 * coefficients());
   sb.resize(count * lobe_values());
-  betas.resize(kernel == SpatialKernel::beta ? count : 0);
+  betas.resize(row_of(kernel).has_beta ? count : 0);
 }
 
 void append(ImportedSplats& splats, const ImportedSplats& more) {

@@ -59,10 +59,9 @@ Reduced combine(const std::vector<Slice>& slices, const std::string& rule) {
   return r;
 }
 
-void store(ImportedSplats& out, std::size_t i, const Reduced& r, double beta, bool gaussian) {
+void store(ImportedSplats& out, std::size_t i, const Reduced& r, double ratio) {
   const CovarianceAxes axes = covariance_axes(r.covariance);
   for (std::size_t k = 0; k < 4; ++k) out.rotations[i][k] = static_cast<float>(axes.rotation[k]);
-  const double ratio = gaussian ? 1.0 : support_ratio(beta);
   for (std::size_t k = 0; k < 3; ++k) {
     out.log_scales[i][k] = static_cast<float>(0.5 * std::log(axes.variance[k]) - std::log(ratio));
     out.positions[i][k] = static_cast<float>(r.mean[k]);
@@ -74,8 +73,10 @@ void store(ImportedSplats& out, std::size_t i, const Reduced& r, double beta, bo
 // and only the kernel is replaced.
 ImportedSplats with_gaussian_kernel(const SplatModel& model) {
   ImportedSplats out = to_imported_splats(model);
-  for (std::size_t i = 0; i < out.betas.size(); ++i) {
-    const double ratio = support_ratio(4 * std::exp(std::min(double{out.betas[i]}, UBS_BETA_RAW_MAX)));
+  for (std::size_t i = 0; i < out.count(); ++i) {
+    const double beta =
+        out.betas.empty() ? 0 : 4 * std::exp(std::min(double{out.betas[i]}, UBS_BETA_RAW_MAX));
+    const double ratio = row_of(out.kernel).gaussian_ratio(beta);
     for (float& scale : out.log_scales[i]) scale -= static_cast<float>(std::log(ratio));
   }
   out.betas.clear();
@@ -85,7 +86,7 @@ ImportedSplats with_gaussian_kernel(const SplatModel& model) {
 
 ImportedSplats averaged(const SplatModel& model, const ReduceOptions& options) {
   const ParameterLayout layout = model.layout();
-  const bool gaussian = model.variant.kernel == SpatialKernel::gaussian;
+  const auto ratio = row_of(model.variant.kernel).gaussian_ratio;
   const bool directional = layout.query >= 3, timed = layout.query != 3;
   const std::size_t time_at = directional ? 3 : 0;
   ImportedSplats out;
@@ -115,7 +116,7 @@ ImportedSplats averaged(const SplatModel& model, const ReduceOptions& options) {
         if (timed) q[time_at] = options.time;
         slices.push_back(slicer.at(q));
       }
-      store(out, i, combine(slices, options.opacity), slicer.beta(), gaussian);
+      store(out, i, combine(slices, options.opacity), ratio(slicer.beta()));
       copy_colour(model, i, out);
     }
   });
@@ -124,11 +125,12 @@ ImportedSplats averaged(const SplatModel& model, const ReduceOptions& options) {
 
 }  // namespace
 
-double support_ratio(double beta) { return std::sqrt(2 * beta + 1.49); }
-
 ImportedSplats reduce_splats(const SplatModel& model, const ReduceOptions& options) {
   if (options.opacity != "mean" && options.opacity != "weighted" && options.opacity != "max")
     fail(ErrorKind::usage, "unknown reduction '{}': choose mean, weighted or max", options.opacity);
+  if (!row_of(model.variant.kernel).gaussian_ratio)
+    fail(ErrorKind::usage, "models with kernel = {} cannot be converted to Gaussians",
+         row_of(model.variant.kernel).name);
   if (model.dim > 3 && !Slicer::knows(model.variant))
     fail(ErrorKind::usage,
          "models of the variant '{}' cannot be converted to Gaussians: only kernel, colour, antialias and "

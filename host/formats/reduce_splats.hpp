@@ -29,13 +29,9 @@ struct ReduceOptions {
   float least_opacity = 1.0f / 255;
 };
 
-// Returns the ratio of the support radius of a Beta kernel to the standard deviation of the nearest Gaussian.
-// For beta = 4 and beta = 29.6, the formula differs by less than 0.5 % from the ratios 3.08 and 7.78 of
-// method.md 2.7, which minimise the largest difference between the two kernels.
-double support_ratio(double beta);
-
-// Converts the model. Throws Error(usage) if the model has more than three dimensions and a variant that
-// Slicer does not support, or if options.opacity is not "mean", "weighted" or "max".
+// Converts the model. Throws Error(usage) if no Gaussian can replace the kernel of the model, if the model has
+// more than three dimensions and a variant that Slicer does not support, or if options.opacity is not "mean",
+// "weighted" or "max".
 ImportedSplats reduce_splats(const SplatModel& model, const ReduceOptions& options = {});
 
 }  // namespace ubs

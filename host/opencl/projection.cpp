@@ -27,8 +27,8 @@ ProgramSpec program(const OpenclDevice& device, const KernelConfig& config, Grad
   ProgramSpec spec =
       splat_program(device, config,
                     {"math/rotation.h", "math/covariance.h", "math/conditional.h", "math/direct.h",
-                     "math/ellipse.h", "math/projection.h", "math/colour.h", "math/reach.h", "math/splat.h",
-                     "opencl/shuffles.h", "map/records.h", "map/arrays.h", "map/project.cl"});
+                     "math/ellipse.h", "math/projection.h", "math/colour.h", "math/falloff.h", "math/reach.h",
+                     "math/splat.h", "opencl/shuffles.h", "map/records.h", "map/arrays.h", "map/project.cl"});
   if (gradient == Gradient::camera) {
     spec.sources.push_back("map/camera.cl");
     spec.options.push_back("-DUBS_CAMERA_GRAD=1");

@@ -20,8 +20,8 @@ bool on_cpu(const KernelConfig& config) { return config.raster == RasterKind::cp
 ProgramSpec raster_program(const OpenclDevice& device, const KernelConfig& config, Exchange exchange,
                            bool pieces = false) {
   const unsigned width = on_cpu(config) ? device.vector_width() : 1;
-  ProgramSpec spec{{"dialect/entry.h", "dialect/slot_pieces.h", "math/elementary.h", "math/blend.h",
-                    "math/cull.h", "opencl/lanes.h"},
+  ProgramSpec spec{{"dialect/entry.h", "dialect/slot_pieces.h", "math/elementary.h", "math/falloff.h",
+                    "math/blend.h", "math/cull.h", "opencl/lanes.h"},
                    {"-DUBS_VW=" + std::to_string(width)}};
   if (on_cpu(config)) {
     append(spec.sources, {"opencl/shuffles.h", "opencl/raster_cpu.cl"});

@@ -96,13 +96,12 @@ void draw_lobes(SplatModel& model, std::uint64_t seed) {
   }
 }
 
-void draw_covariance(SplatModel& model, Positions positions, std::uint64_t seed, double gaussian_ratio) {
+void draw_covariance(SplatModel& model, Positions positions, std::uint64_t seed, double ratio) {
   const ParameterLayout layout = model.layout();
   const std::vector<double> distances = neighbour_distances(positions);
-  const double width = model.variant.kernel == SpatialKernel::gaussian ? gaussian_ratio : 1;
   for (int axis = 0; axis < 3; ++axis)
     for (std::size_t i = 0; i < model.count; ++i)
-      model.row(layout.scale + axis)[i] = static_cast<float>(inverse_softplus_of(distances[i] / width));
+      model.row(layout.scale + axis)[i] = static_cast<float>(inverse_softplus_of(distances[i] / ratio));
   const CounterRandom scales(seed, kQueryScales), triangle(seed, kTriangle);
   for (int q = 0; q < layout.query; ++q)
     for (std::size_t i = 0; i < model.count; ++i)
@@ -171,7 +170,8 @@ SplatModel initialise_from_points(int dim, Positions positions,
   fill_betas(model, options);
   draw_means(model, seed);
   draw_lobes(model, seed);
-  draw_covariance(model, positions, seed, options.gaussian_ratio);
+  draw_covariance(model, positions, seed,
+                  options.initial_ratio.value_or(row_of(model.variant.kernel).initial_ratio));
   return model;
 }
 

@@ -21,14 +21,11 @@ struct InitOptions {
   // Raw betas of the direction. If empty, they are -3 if N = 7 and the weights of the query dimensions are
   // not learnt, and 0 in all other cases.
   std::optional<double> beta_dir;
-  double beta_query = 0;           // raw betas of the other query dimensions
+  double beta_query = 0;  // raw betas of the other query dimensions
   ModelVariant variant;
-  // The initial standard deviation of a Gaussian is the distance of its neighbours divided by this ratio.
-  // 3.08 is the ratio of support radius to standard deviation for the Gaussian that is closest to (1 - r)^4
-  // (method.md 2.7). With a ratio of 1, as in 3DGS, the initial splats overlap so much that they hide each
-  // other. A training run on lego_200 with a ratio of 1, with 30 000 random points and the learning rates of
-  // the Beta kernel, reached only 9.8 dB.
-  double gaussian_ratio = 3.08;
+  // The initial scale of a splat is the distance of its neighbours divided by this ratio. If it is empty, the
+  // ratio is that of the kernel (SpatialKernelRow::initial_ratio).
+  std::optional<double> initial_ratio;
 };
 
 // These functions create a model with N = `dim`. The query dimensions are: for N = 4 the time, for N = 5 the

@@ -12,6 +12,8 @@
 #include <utility>
 #include <vector>
 
+#include "host/scene/spatial_kernel.hpp"
+
 namespace ubs {
 
 enum class RotMode { taylor1, taylor2, cayley, exp, quaternion };
@@ -19,7 +21,6 @@ enum class CovParam { spatial_ortho, cholesky, skew_nd };
 enum class BetaCond { on, off };
 enum class BetaOpacity { tanh, none, gaussian };
 enum class CovMode { upper, whiten };
-enum class SpatialKernel { beta, gaussian };
 enum class ColourMode { rgb, sh0, sh1, sh2, sh3, sb1, sb2, sb3 };
 enum class Antialias { off, on };
 enum class Conditioning { covariance, direct };
@@ -39,7 +40,7 @@ struct ModelVariant {
 
   int lobes() const;      // number of spherical Beta lobes in addition to the constant term
   int harmonics() const;  // number of coefficients per colour channel; 0 for rgb
-  bool has_spatial_beta() const { return kernel == SpatialKernel::beta; }
+  bool has_spatial_beta() const { return row_of(kernel).has_beta; }
   bool has_query_beta() const { return beta_cond == BetaCond::on || beta_opacity == BetaOpacity::tanh; }
   bool direct() const { return conditioning == Conditioning::direct; }
   // Returns whether the conditioning weights of direct conditioning are separate parameters. If so, they are
@@ -62,7 +63,7 @@ inline constexpr std::array<VariantSwitch, 9> kVariantSwitches{{
     {"beta_cond", "UBS_BETA_COND", "on|off"},
     {"beta_opacity", "UBS_BETA_OPACITY", "tanh|none|gaussian"},
     {"cov_mode", "UBS_COV_MODE", "upper|whiten"},
-    {"kernel", "UBS_FALLOFF", "beta|gaussian"},
+    {"kernel", "UBS_FALLOFF", kSpatialKernelNames.data()},
     {"colour", "UBS_COLOUR", "rgb|sh0|sh1|sh2|sh3|sb1|sb2|sb3"},
     {"antialias", "UBS_ANTIALIAS", "off|on"},
     {"conditioning", "UBS_DIRECT", "covariance|direct"},

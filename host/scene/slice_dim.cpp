@@ -18,6 +18,7 @@
 #include "kernels/math/ellipse.h"
 #include "kernels/math/projection.h"
 #include "kernels/math/colour.h"
+#include "kernels/math/falloff.h"
 #include "kernels/math/reach.h"
 #include "kernels/math/splat.h"
 // clang-format on

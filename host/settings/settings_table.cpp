@@ -8,6 +8,7 @@
 
 #include "host/base/error.hpp"
 #include "host/scene/scene_unit.hpp"
+#include "host/scene/spatial_kernel.hpp"
 #include "host/settings/facts.hpp"
 #include "host/settings/schedule.hpp"
 #include "host/settings/settle.hpp"
@@ -104,7 +105,6 @@ constexpr double kWideOpacityReg = 0;
 constexpr double kFastBetaDir = -3, kDirectionPower = 1.2;
 
 bool fast(const S& s) { return s.schedule == ScheduleKind::fast; }
-bool gaussian(const S& s) { return s.variant.kernel == SpatialKernel::gaussian; }
 
 int fail_without_data() { fail(ErrorKind::usage, "dim = auto requires data: pass a number from 3 to 11"); }
 
@@ -157,14 +157,6 @@ double fast_growth(S s, const Facts& f) {
   while (!grown()) ++steps;
   return s.growth;
 }
-
-// The values for Gaussians have these reasons. Pixels where the alpha of a Gaussian is below 1/255 contribute
-// no gradient, so opacities must not decrease faster than the sizes of splats can adapt. lr_opacity = 0.025
-// is the rate that 3DGS uses today. For scales, 3DGS uses a rate of 0.005 (for ln sigma), but it starts from
-// the points of a reconstruction. With random points on lego_200, training is faster with 0.02
-// (docs/results/2026-11-21-accuracy.md).
-double published_lr_opacity(const S& s) { return gaussian(s) ? 0.025 : 0.05; }
-double published_lr_scale(const S& s) { return gaussian(s) ? 0.02 : 0.005; }
 
 // ---- The table ----
 
@@ -433,7 +425,7 @@ const Field<S> kTrainingFields[] = {
     decided(0,
             {"lr_opacity", "learning rate of raw opacities; auto: 0.05, or 0.025 with kernel gaussian",
              &S::lr_opacity, 0, 10},
-            [](S& s, const S&, const Facts&) { s.lr_opacity = published_lr_opacity(s); }),
+            [](S& s, const S&, const Facts&) { s.lr_opacity = row_of(s.variant.kernel).lr_opacity; }),
     decided(0,
             {"lr_beta",
              "learning rate of raw betas; "
@@ -447,7 +439,7 @@ const Field<S> kTrainingFields[] = {
              "0.005, or 0.02 with kernel gaussian",
              &S::lr_scale, 0, 10},
             [](S& s, const S&, const Facts&) {
-              s.lr_scale = fast(s) ? falling(s, 0.02, 0.35) : published_lr_scale(s);
+              s.lr_scale = fast(s) ? falling(s, 0.02, 0.35) : row_of(s.variant.kernel).lr_scale;
             }),
     decided(0,
             {"lr_l_triangle",

@@ -2,9 +2,8 @@
 // The functions of this file blend one splat into one pixel (method.md 2.6, 3.1). They compute the spatial kernel,
 // alpha, the front-to-back compositing, and the gradients of these. All rasterisers use them. The lanes of a vector are
 // pixels, and d is the mean of the splat minus the pixel centre.
-// The kernel is (1 - r)^beta for r < 1. With UBS_FALLOFF_GAUSSIAN it is exp(-r/2) wherever alpha >= 1/255. With
-// UBS_FALLOFF_OWN it is 2^G for r < UBS_SUPPORT, where G is an expression of r and beta that the user has written. If
-// UBS_ALPHA_MIN is above 0, a splat contributes only to pixels in which its alpha exceeds this limit.
+// falloff.h contains the formulas of the kernel F. If UBS_ALPHA_MIN is above 0, a splat contributes only to pixels in
+// which its alpha exceeds this limit.
 // If one of the macros UBS_NO_V_SHAPE (mean and conic), UBS_NO_V_OPACITY, UBS_NO_V_BETA and UBS_NO_V_COLOUR is defined,
 // the corresponding gradient is not computed, and its sums stay zero.
 #pragma once
@@ -19,10 +18,10 @@ typedef struct {
 // BlendAlpha holds the alpha of a splat at a pixel, and the values from which it is computed.
 typedef struct {
   vreal p, q;      // L d: the offset in the coordinates of the ellipse
-  // p^2 + q^2, the squared distance from the mean. The unit of the distance is the radius of the support, or the
-  // standard deviation for a Gaussian. For the Beta kernel r is clamped to the largest number below 1.
+  // p^2 + q^2, the squared distance from the mean, after falloff_near(). The unit of the distance is the radius of the
+  // support, or the standard deviation for a Gaussian.
   vreal r;
-  vreal log2_1mr;  // log2(1 - r); with UBS_FALLOFF_OWN the value of G; 0 for a Gaussian
+  vreal begun;     // result of falloff_begin()
   vreal falloff;   // the value of the kernel
   vreal alpha;     // 0 outside the support
   // True if the pixel is in the support of the kernel and alpha is within the limits described above.
@@ -30,20 +29,8 @@ typedef struct {
   vmask passes;    // `inside`, and alpha was not reduced to its maximum, so that its gradient is not zero
 } BlendAlpha;
 
-// These functions evaluate the expressions of UBS_FALLOFF_OWN. own_inside() moves r away from the centre and from the
-// end of the support, so that the expressions and their rounded terms are finite. `rim` is the minimum distance from
-// the end, as a fraction of UBS_SUPPORT. For slopes it is UBS_RIM, the same value that limits the slope of the Beta
-// kernel.
-UBS_FN vreal own_inside(vreal r, real rim) {
-  r = r < (vreal)(UBS_SUPPORT * (R(1.0) - rim)) ? r : (vreal)(UBS_SUPPORT * (R(1.0) - rim));
-  return r > (vreal)(UBS_SUPPORT * R(1e-12)) ? r : (vreal)(UBS_SUPPORT * R(1e-12));
-}
-UBS_FN vreal own_log2(vreal r, vreal beta) { return UBS_OWN_LOG2; }
-UBS_FN vreal own_r_slope(vreal r, vreal beta) { return UBS_OWN_R_SLOPE; }
-UBS_FN vreal own_beta_slope(vreal r, vreal beta) { return UBS_OWN_BETA_SLOPE; }
-
 // blend_begin() and blend_end() are the two halves of blend_alpha() and take about the same time. Rasterisers that
-// start a splat before they finish the previous one call them separately. The first half fills p, q, r, log2_1mr and
+// start a splat before they finish the previous one call them separately. The first half fills p, q, r, begun and
 // inside.
 UBS_FN BlendAlpha blend_begin(BlendSplat s, vreal dx, vreal dy) {
   BlendAlpha a;
@@ -51,16 +38,8 @@ UBS_FN BlendAlpha blend_begin(BlendSplat s, vreal dx, vreal dy) {
   a.q = s.l11 * dy;
   a.r = ubs_fma(a.p, a.p, a.q * a.q);
   a.inside = a.r < (vreal)(UBS_SUPPORT);
-  a.log2_1mr = V(0.0);
-  if (UBS_FALLOFF == UBS_FALLOFF_BETA) {
-    // The result of this minimum is available sooner than that of a selection by `inside`.
-    a.r = a.r < (vreal)(UBS_BELOW_ONE) ? a.r : (vreal)(UBS_BELOW_ONE);
-    a.log2_1mr = ubs_log2_1m(a.r);
-  }
-  if (UBS_FALLOFF == UBS_FALLOFF_OWN) {
-    a.r = own_inside(a.r, R(1e-6));
-    a.log2_1mr = own_log2(a.r, (vreal)(s.beta));
-  }
+  a.r = falloff_near(a.r);
+  a.begun = falloff_begin(a.r, s.beta);
   a.falloff = a.alpha = V(0.0);
   a.passes = a.inside;
   return a;
@@ -68,13 +47,11 @@ UBS_FN BlendAlpha blend_begin(BlendSplat s, vreal dx, vreal dy) {
 UBS_FN BlendAlpha blend_end(BlendSplat s, BlendAlpha a) {
   // The exponent is set to 0 outside the support, so that falloff is 1 there. Values near 0 would produce denormal
   // products, which cost CPUs a quarter of the time of the rasteriser.
-  vreal exponent = UBS_FALLOFF == UBS_FALLOFF_GAUSSIAN ? R(-0.5) * UBS_LOG2E * a.r
-                   : UBS_FALLOFF == UBS_FALLOFF_OWN    ? a.log2_1mr
-                                                       : s.beta * a.log2_1mr;
+  vreal exponent = falloff_exponent(a.begun, a.r, s.beta);
   a.falloff = ubs_exp2(a.inside ? exponent : V(0.0));
   vreal raw = s.opacity * a.falloff;
-  if (UBS_FALLOFF == UBS_FALLOFF_GAUSSIAN) a.inside = a.inside & (raw >= (vreal)(UBS_ALPHA_MIN_GAUSSIAN));
-  vreal most = (vreal)(UBS_FALLOFF == UBS_FALLOFF_GAUSSIAN ? UBS_ALPHA_MAX_GAUSSIAN : UBS_ALPHA_MAX);
+  if (UBS_KERNEL_ALPHA_MIN > R(0.0)) a.inside = a.inside & (raw >= (vreal)(UBS_KERNEL_ALPHA_MIN));
+  vreal most = (vreal)(UBS_KERNEL_ALPHA_MAX);
   vmask capped = raw > most;
   raw = capped ? most : raw;
   if (UBS_ALPHA_MIN > R(0.0)) a.inside = a.inside & (raw > (vreal)(UBS_ALPHA_MIN));
@@ -109,17 +86,16 @@ UBS_FN vreal blend_expected_depth(vreal weighted_depth, vreal weight) {
 
 // BlendSums holds sums over pixels from which the gradient of a splat is computed. They do not contain the factors that
 // are the same for all pixels; blend_factors() returns these factors, which are applied once per splat or tile.
-// With h = v_alpha * alpha / max(1-r, rim) and (p, q) = L d, the gradients of the mean and of the ellipse are
-//   v_mean = -2 beta L^T sum h (p, q),   W = beta sum h (p, q) (p, q)^T   (EllipseVjp of ellipse.h).
-// For a Gaussian, h = v_alpha * alpha, and beta is replaced by 1/2. With UBS_FALLOFF_OWN,
-// h = -ln 2 dG/dr v_alpha * alpha, and beta is replaced by 1.
+// With k = falloff_factor(), h = -v_alpha * alpha * d(ln F)/dr / k and (p, q) = L d, the gradients of the mean and of
+// the ellipse are
+//   v_mean = -2 k L^T sum h (p, q),   W = k sum h (p, q) (p, q)^T   (EllipseVjp of ellipse.h).
 // The sums use the coordinates (p, q) of the ellipse, with |(p, q)| < 1 inside the support. With sums of h d d^T in
 // pixel coordinates, the short axis of a thin ellipse would be lost in the rounding error of the long axis.
 typedef struct {
   // Sums of h p, h q, h p^2, h p q and h q^2. With UBS_ABSGRAD the first two are sums of |h p| and |l01 h p + l11 h q|.
   vreal hp, hq, hpp, hpq, hqq;
   vreal opacity;                // falloff * v_alpha
-  vreal log_beta;               // alpha log2(1-r) v_alpha, or alpha dG/dbeta v_alpha with UBS_FALLOFF_OWN
+  vreal log_beta;               // alpha v_alpha d(log2 F)/dbeta
   vreal r, g, b;                // weight * v_pixel
 } BlendSums;
 
@@ -148,22 +124,17 @@ UBS_FN BlendSums blend_vjp(BlendSums sums, BlendSplat s, BlendAlpha a, BlendStep
   sums.b += step.weight * v_b;
 #endif
   vreal one_minus_alpha = V(1.0) - a.alpha;
-  vreal rim = V(1.0) - a.r;
-  rim = rim < (vreal)(UBS_RIM) ? (vreal)(UBS_RIM) : rim;
-  vreal inverse = ubs_reciprocal(one_minus_alpha * rim);  // the Beta kernel needs 1 / one_minus_alpha and 1 / rim
-  vreal v_alpha =
-      open * shade - (UBS_FALLOFF == UBS_FALLOFF_BETA ? remaining * (inverse * rim) : remaining / one_minus_alpha);
+  FalloffSlopes slopes = falloff_slopes(a.begun, a.r, s.beta, remaining, one_minus_alpha);
+  vreal v_alpha = open * shade - slopes.behind;
   v_alpha = (step.composited & a.passes) ? v_alpha : V(0.0);
 #ifndef UBS_NO_V_OPACITY
   sums.opacity += a.falloff * v_alpha;
 #endif
   vreal h = a.alpha * v_alpha;
 #ifndef UBS_NO_V_BETA
-  if (UBS_FALLOFF == UBS_FALLOFF_BETA) sums.log_beta += h * a.log2_1mr;
-  if (UBS_FALLOFF == UBS_FALLOFF_OWN) sums.log_beta += h * own_beta_slope(a.r, (vreal)(s.beta));
+  if (kHasSpatialBeta) sums.log_beta += h * slopes.beta;
 #endif
-  if (UBS_FALLOFF == UBS_FALLOFF_BETA) h = h * (inverse * one_minus_alpha);
-  if (UBS_FALLOFF == UBS_FALLOFF_OWN) h = h * (-UBS_LN2 * own_r_slope(own_inside(a.r, UBS_RIM), (vreal)(s.beta)));
+  h = h * slopes.r;
 #ifndef UBS_NO_V_SHAPE
   vreal hp = h * a.p;
   vreal hq = h * a.q;
@@ -192,8 +163,7 @@ typedef struct {
 
 UBS_FN BlendFactors blend_factors(BlendSplat s) {
   BlendFactors f;
-  if (UBS_FALLOFF == UBS_FALLOFF_GAUSSIAN) s.beta = R(0.5);
-  if (UBS_FALLOFF == UBS_FALLOFF_OWN) s.beta = R(1.0);
+  s.beta = falloff_factor(s.beta);
   real twice = R(-2.0) * s.beta;
   f.xp = UBS_ABSGRAD ? ubs_fabs(twice * s.l00) : twice * s.l00;
   f.yp = UBS_ABSGRAD ? R(0.0) : twice * s.l01;

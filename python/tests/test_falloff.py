@@ -108,7 +108,7 @@ def test_the_kernel_beta_as_an_expression_draws_the_same(raster: str) -> None:
 
 
 def test_a_falloff_needs_the_kernel_beta() -> None:
-    with pytest.raises(ubs.UsageError, match="requires the kernel beta"):
+    with pytest.raises(ubs.UsageError, match="requires a kernel with beta"):
         ubs.Renderer(ubs.Model.empty(dim=3, splats=4, kernel="gaussian"), falloff="-r")
     with pytest.raises(ubs.UsageError, match="falloff has the type int"):
         ubs.Renderer(ubs.Model.empty(dim=3, splats=4), falloff=1)  # type: ignore[arg-type]

@@ -24,7 +24,7 @@ LOG2E = 1 / math.log(2)
 # length of options.
 MOST_CHARACTERS = 4000
 # The kernels evaluate an expression for r up to END times the support, and its derivative with respect to r for r up to
-# RIM times the support (own_inside() in kernels/math/blend.h).
+# RIM times the support (own_inside() in kernels/math/falloff.h).
 END, RIM = 1 - 1e-6, 1 - 1e-5
 ALPHA_MAX = 0.999  # UBS_ALPHA_MAX of kernels/limits.h
 # The largest allowed absolute error of alpha, and the largest allowed relative error of gradients. The largest errors

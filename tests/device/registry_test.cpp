@@ -3,6 +3,7 @@
 // OpenCL list, and a CPU.
 #include "host/device/registry.hpp"
 
+#include <algorithm>
 #include <catch2/catch.hpp>
 #include <cstdlib>
 
@@ -112,12 +113,19 @@ TEST_CASE("UBS_DEVICE selects the device if no option does", "[registry]") {
 
 TEST_CASE("the compiler option UBS_FALLOFF is passed for every spatial kernel except the default",
           "[registry]") {
-  const auto options = [](int kernel) {
-    return raster_options({.variant = {.kernel = static_cast<SpatialKernel>(kernel)}});
-  };
-  CHECK(options(0) == Options{});
-  CHECK(options(1) == Options{"-DUBS_FALLOFF=1"});
-  CHECK(options(2) == Options{"-DUBS_FALLOFF=2"});  // not a value of SpatialKernel
+  for (std::size_t i = 0; i < kSpatialKernels.size(); ++i) {
+    const ModelVariant variant{.kernel = static_cast<SpatialKernel>(i)};
+    INFO(row_of(variant.kernel).name);
+    CHECK(raster_options({.variant = variant}) ==
+          (i == 0 ? Options{} : Options{fmt::format("-DUBS_FALLOFF={}", i)}));
+    // The number of a user-defined falloff is not that of any kernel, and replaces it.
+    for (const Options& options : {raster_options({.variant = variant, .falloff = OwnFalloff{}}),
+                                   variant_options({.variant = variant, .falloff = OwnFalloff{}})}) {
+      CHECK(std::ranges::count(options, "-DUBS_FALLOFF=-1") == 1);
+      CHECK(std::ranges::count_if(options, [](const auto& o) { return o.starts_with("-DUBS_FALLOFF="); }) ==
+            1);
+    }
+  }
 }
 
 TEST_CASE("devices with the same PCI address are recognised as the same GPU", "[registry]") {

@@ -11,12 +11,14 @@
 
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
+#include "host/check/forms.hpp"
 #include "host/dataset/lens.hpp"
 #include "host/dataset/load_dataset.hpp"
 #include "host/formats/splat_file.hpp"
 #include "host/scene/model_variant.hpp"
 #include "host/settings/train_settings.hpp"
 #include "tests/support/generated_list.hpp"
+#include "tests/support/variants.hpp"
 
 namespace {
 
@@ -87,6 +89,35 @@ TEST_CASE("tables: docs/variants.md has the list of the settings of a variant", 
     variants += table_row({backticks(row.key), values, field->help});
   }
   check_list("docs/variants.md", "the settings of a variant", variants);
+}
+
+TEST_CASE("tables: tests and device checks have a variant for every spatial kernel", "[docs]") {
+  for (std::size_t i = 0; i < ubs::kSpatialKernels.size(); ++i) {
+    INFO(ubs::kSpatialKernels[i].name);
+    const auto has = [&](const auto& form) {
+      return form.variant.kernel == static_cast<ubs::SpatialKernel>(i);
+    };
+    CHECK(std::ranges::any_of(ubs::test::named_variants(), has));
+    CHECK(std::ranges::any_of(ubs::check::forms(), has));
+  }
+}
+
+TEST_CASE("tables: the viewer of web pages knows the values of all switches of a variant", "[docs]") {
+  const std::string worker = source("host/look/web/worker.js"), picture = source("host/look/web/picture.js");
+  std::set<std::string> kernels;
+  for (const ubs::SpatialKernelRow& row : ubs::kSpatialKernels) kernels.insert(row.name);
+  const auto keys = [](const std::string& text, const std::string& table) {
+    const std::size_t begin = text.find("const " + table + " = {");
+    REQUIRE(begin != std::string::npos);
+    return set_of(found_in(text.substr(begin, text.find("\n};", begin) - begin), "\n  ([a-z0-9_]+): \\{"));
+  };
+  CHECK(keys(worker, "KERNELS") == kernels);
+  CHECK(keys(picture, "FALLOFFS") == kernels);
+  for (const ubs::VariantSwitch& row : ubs::kVariantSwitches) {
+    INFO(row.key);
+    if (std::string_view(row.key) != "kernel")
+      CHECK(worker.find(fmt::format("\n  {}: '{}'", row.key, row.values)) != std::string::npos);
+  }
 }
 
 TEST_CASE("tables: the exit codes are the same in the header and in the Python package", "[docs]") {

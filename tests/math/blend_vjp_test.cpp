@@ -1,14 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // Compares the gradient of compositing a few splats at a pixel (the vector-Jacobian product, VJP, of
 // kernels/math/blend.h) in double precision with central differences. This file is compiled once for each
-// spatial kernel (UBS_FALLOFF), and once with a minimum alpha.
-#ifdef UBS_ALPHA_MIN  // only defined in the build with a minimum alpha
-#define UBS_TEST_NAME(text) text ", beta kernel, alpha_min"
-#elif UBS_FALLOFF == 1
-#define UBS_TEST_NAME(text) text ", Gaussian kernel"
-#else
-#define UBS_TEST_NAME(text) text ", beta kernel"
-#endif
+// spatial kernel (UBS_FALLOFF), and once with a minimum alpha. CMake defines UBS_TEST_FORM, the name of the
+// form.
+#define UBS_TEST_NAME(text) text ", " UBS_TEST_FORM
 
 #include <array>
 #include <catch2/catch.hpp>

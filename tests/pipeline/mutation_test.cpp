@@ -29,7 +29,7 @@ struct Mutation {
 constexpr Mutation kMutations[] = {
     {"math/blend.h", "sums.opacity += a.falloff * v_alpha;",
      "sums.opacity += V(1.01) * a.falloff * v_alpha;"},
-    {"math/blend.h", "sums.log_beta += h * a.log2_1mr;", "sums.log_beta += V(1.01) * h * a.log2_1mr;"},
+    {"math/blend.h", "sums.log_beta += h * slopes.beta;", "sums.log_beta += V(1.01) * h * slopes.beta;"},
     {"math/blend.h", "return remaining - step.weight *", "return remaining - V(1.01) * step.weight *"},
     {"math/blend.h", "sums.r += step.weight * v_r;", "sums.r += V(1.01) * step.weight * v_r;"},
     {"math/blend.h", "sums.hpq += hp * a.q;", "sums.hpq += V(1.01) * hp * a.q;"},

@@ -71,8 +71,8 @@ TEST_CASE("double-precision kernels agree with the host", "[stages]") {
     }
     const opencl::ProgramSpec spec{
         {"math/rotation.h", "math/covariance.h", "math/conditional.h", "math/direct.h", "math/ellipse.h",
-         "math/projection.h", "math/colour.h", "math/reach.h", "math/splat.h", "map/records.h",
-         "map/arrays.h", "map/project.cl"},
+         "math/projection.h", "math/colour.h", "math/falloff.h", "math/reach.h", "math/splat.h",
+         "map/records.h", "map/arrays.h", "map/project.cl"},
         {fmt::format("-DUBS_N={}", UBS_N), "-DUBS_VW=1", "-DUBS_REAL_DOUBLE=1"}};
     Buffer<double> params(*device, "params", in.params.size()), camera(*device, "camera", in.camera.size());
     Buffer<double> records(*device, "records", static_cast<std::size_t>(kSplatsStride) * kSplatStride);

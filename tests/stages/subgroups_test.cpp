@@ -39,9 +39,10 @@ std::vector<T> read(Device& device, BufferView<T> view) {
 std::vector<float> backward_by(OpenclDevice& device, const RasterBackward& work, const char* exchange,
                                const Options& options) {
   const test::KernelFolder folder;
-  ProgramSpec spec{{"dialect/slot_pieces.h", "math/blend.h", "math/cull.h", "opencl/lanes.h", "gpu/words.h",
-                    exchange, "gpu/list_segments.h", "gpu/tile.h", "gpu/raster_backward.cl"},
-                   options};
+  ProgramSpec spec{
+      {"dialect/slot_pieces.h", "math/falloff.h", "math/blend.h", "math/cull.h", "opencl/lanes.h",
+       "gpu/words.h", exchange, "gpu/list_segments.h", "gpu/tile.h", "gpu/raster_backward.cl"},
+      options};
   spec.options.push_back("-DUBS_VW=1");
   Kernel kernel = device.kernel(spec, "raster_gpu_backward");
   Buffer<float> slots(device, "slots", work.slots.pieces[0].size);

@@ -85,11 +85,10 @@ Image8 made_up_image(int width, int height) {
 }
 
 BenchScene random_start(int dim, std::size_t splats, int width, int height, const ModelVariant& variant) {
-  const bool gaussian = variant.kernel == SpatialKernel::gaussian;
   InitOptions start{.variant = variant};
-  if (gaussian) {
+  if (!row_of(variant.kernel).scale_is_support) {  // as in 3DGS
     start.opacity = 0.1;
-    start.gaussian_ratio = 1;
+    start.initial_ratio = 1;
   }
   BenchScene scene{initialise_random(dim, splats, 42, start), {"train", {}}, {1, 1, 1}};
   for (int v = 0; v < 8; ++v)

@@ -40,7 +40,7 @@ Frame::Frame(const Model& model, const Camera& camera, const Options& options)
 // Sorts front to back by the depth rounded to float, and by index if these depths are equal. This is the
 // order in which a single-precision renderer sorts.
 Frame::Frame(const std::vector<Footprint<double>>& all, const Options& options) {
-  const double end = support(options.variant.kernel);
+  const double end = limits_of(options.variant.kernel).support;
   std::vector<std::pair<float, std::size_t>> order;
   for (std::size_t i = 0; i < all.size(); ++i) {
     if (all[i].visible) {

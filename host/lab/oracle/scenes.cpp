@@ -84,18 +84,18 @@ void put_rotation(const Splat& splat, const ModelVariant& variant, Random& rando
 void store(const Splat& splat, std::size_t index, SplatModel& model) {
   const ModelVariant& variant = model.variant;
   Random random(0x766172ULL + 7919 * index);
-  const bool gaussian = variant.kernel == SpatialKernel::gaussian;
   const bool betas = variant.beta_cond == BetaCond::on || variant.beta_opacity == BetaOpacity::tanh;
   std::vector<double> values(splat.position.begin(), splat.position.end());
   put_colour(splat, variant, random, values);
   values.push_back(splat.opacity_logit);
-  if (!gaussian) values.push_back(splat.beta[0]);
+  if (variant.has_spatial_beta()) values.push_back(splat.beta[0]);
   if (betas) values.insert(values.end(), splat.beta.begin() + 1, splat.beta.end());
   values.insert(values.end(), splat.mean.begin(), splat.mean.end());
   // With a third of the scale as standard deviation, a Gaussian has about the same footprint as the Beta
   // kernel.
+  const bool narrower = !row_of(variant.kernel).scale_is_support;
   for (std::size_t i = 0; i < splat.scale.size(); ++i)
-    values.push_back(inverse_softplus(gaussian && i < 3 ? splat.scale[i] / 3 : splat.scale[i]));
+    values.push_back(inverse_softplus(narrower && i < 3 ? splat.scale[i] / 3 : splat.scale[i]));
   put_rotation(splat, variant, random, values);
   for (std::size_t row = 0; row < values.size(); ++row)
     model.values[row * model.count + index] = static_cast<float>(values[row]);
@@ -110,7 +110,7 @@ SplatModel make_model(const SceneOptions& options, std::size_t count) {
   model.count = count;
   int rows = dim * (dim + 1) / 2 + 2 * dim + 2;
   if (v.colour != ColourMode::rgb) rows += 3 * v.harmonics() - 3 + 6 * v.lobes();
-  if (v.kernel == SpatialKernel::gaussian) rows -= 1;
+  if (!v.has_spatial_beta()) rows -= 1;
   if (v.beta_cond == BetaCond::off && v.beta_opacity != BetaOpacity::tanh) rows -= dim - 3;
   if (v.rot_mode == RotMode::quaternion) rows += 4 - dim * (dim - 1) / 2;
   model.values.assign(static_cast<std::size_t>(rows) * count, 0.0f);

@@ -38,7 +38,7 @@ struct Rows {
     if (n < 3) throw std::invalid_argument("oracle: a splat has at least 3 dimensions");
     opacity = rgb + 3 * std::max(1, harmonics) + 6 * lobes;
     beta = opacity + 1;
-    query_beta = beta + (v.kernel == SpatialKernel::gaussian ? 0 : 1);
+    query_beta = beta + (v.has_spatial_beta() ? 1 : 0);
     const bool betas = v.beta_cond == BetaCond::on || v.beta_opacity == BetaOpacity::tanh;
     mean = query_beta + (betas ? query : 0);
     scale = mean + query;
@@ -285,7 +285,7 @@ template <class S>
 bool near_clamp(std::span<const S> raw, const Rows& rows, const Matrix<S>& factor,
                 const ModelVariant& variant) {
   const auto close = [](double a, double b) { return std::abs(a - b) < kKinkMargin * std::abs(b); };
-  if (variant.kernel == SpatialKernel::beta && close(value(raw[rows.beta]), kLargestRawBeta)) return true;
+  if (variant.has_spatial_beta() && close(value(raw[rows.beta]), kLargestRawBeta)) return true;
   double largest = 0;
   for (int i = 0; i < 3; ++i) largest = std::max(largest, softplus(value(raw[rows.scale + i])));
   for (int i = 0; i < 3; ++i)
@@ -436,7 +436,7 @@ struct Footprint {
   bool visible = false;
   // The splat is between the near and far planes. If it is not, only `depth`, `reach` and `guards` are set.
   bool in_range = false;
-  double reach = 0;       // sum |mean_j - centre_j|, the magnitude of the terms of the camera-space mean
+  double reach = 0;  // sum |mean_j - centre_j|, the magnitude of the terms of the camera-space mean
   Guards guards;
   // Product of the two diagonal entries of `cov`, each computed from the magnitudes of its terms, divided by
   // the magnitude of the determinant of `cov`. This is the factor by which rounding may be amplified in the
@@ -599,10 +599,9 @@ Footprint<S> footprint(std::span<const S> raw, const Rows& rows, const Camera& c
   result.opacity = conditioned.opacity;
   if (options.variant.antialias == Antialias::on)
     result.opacity = value(sharp_det) > 0 ? result.opacity * sqrt(sharp_det / det) : S(0);
-  result.beta =
-      options.variant.kernel == SpatialKernel::gaussian
-          ? S(0)
-          : 4.0 * exp(value(raw[rows.beta]) < kLargestRawBeta ? raw[rows.beta] : S(kLargestRawBeta));
+  result.beta = options.variant.has_spatial_beta()
+                    ? 4.0 * exp(value(raw[rows.beta]) < kLargestRawBeta ? raw[rows.beta] : S(kLargestRawBeta))
+                    : S(0);
   result.rgb = colour(raw, rows, camera, options.query_grad);
   result.visible = value(det) > std::max(0.0, least_determinant(result.cov, options.eps2d)) &&
                    value(b(0, 0)) > 0 && value(b(1, 1)) > 0 && all_finite(result);
@@ -625,25 +624,60 @@ S kernel_radius(const Footprint<S>& f, double pixel_x, double pixel_y) {
 inline constexpr double kMaxAlpha = 0.999, kMaxAlphaGaussian = 0.99, kMinAlphaGaussian = 1.0 / 255;
 inline constexpr double kMinTransmittance = 1e-4;
 
+// The next three functions are all that the oracle knows of the spatial kernels. They have one case per
+// kernel.
+
+struct KernelLimits {
+  double most;   // alpha is reduced to this value
+  double least;  // contributions with a smaller alpha are skipped
+  double
+      support;  // r at the edge of the support; for a Gaussian, r where an opaque splat has the alpha `least`
+};
+inline KernelLimits limits_of(SpatialKernel kernel) {
+  switch (kernel) {
+    case SpatialKernel::beta:
+      return {kMaxAlpha, 0, 1};
+    case SpatialKernel::gaussian:
+      return {kMaxAlphaGaussian, kMinAlphaGaussian, -2 * std::log(kMinAlphaGaussian)};
+  }
+  throw std::invalid_argument("oracle: unknown spatial kernel");
+}
+
+// Returns the value of the kernel inside of its support.
+template <class S>
+S kernel_value(SpatialKernel kernel, const S& r, const S& beta) {
+  using std::exp;
+  switch (kernel) {
+    case SpatialKernel::beta:
+      return rim_power(r, beta);
+    case SpatialKernel::gaussian:
+      return exp(-0.5 * r);
+  }
+  throw std::invalid_argument("oracle: unknown spatial kernel");
+}
+
+// Returns -d(ln F)/dr of the kernel F.
+inline double kernel_slope(SpatialKernel kernel, double r, double beta) {
+  switch (kernel) {
+    case SpatialKernel::beta:
+      return beta / std::max(1 - r, 1e-300);
+    case SpatialKernel::gaussian:
+      return 0.5;
+  }
+  throw std::invalid_argument("oracle: unknown spatial kernel");
+}
+
 template <class S>
 S splat_alpha(const Footprint<S>& f, const S& r, SpatialKernel kernel = SpatialKernel::beta) {
-  using std::exp;
-  const bool gaussian = kernel == SpatialKernel::gaussian;
-  const double most = gaussian ? kMaxAlphaGaussian : kMaxAlpha;
-  const S alpha = f.opacity * (gaussian ? exp(-0.5 * r) : rim_power(r, f.beta));
+  const double most = limits_of(kernel).most;
+  const S alpha = f.opacity * kernel_value(kernel, r, f.beta);
   return value(alpha) > most ? S(most) : alpha;
 }
 
-// Returns whether the splat contributes at a point. A Beta kernel contributes if r < 1, and a Gaussian if
-// alpha is at least 1/255.
+// Returns whether the splat contributes at a point.
 inline bool reaches(const Footprint<double>& f, double r, SpatialKernel kernel) {
-  return kernel == SpatialKernel::beta ? r < 1 : splat_alpha(f, r, kernel) >= kMinAlphaGaussian;
-}
-
-// Returns r at the edge of the support. It is 1 for a Beta kernel. For a Gaussian, it is the value at which
-// an opaque splat has an alpha of 1/255.
-inline double support(SpatialKernel kernel) {
-  return kernel == SpatialKernel::beta ? 1 : -2 * std::log(kMinAlphaGaussian);
+  const KernelLimits limits = limits_of(kernel);
+  return limits.least > 0 ? splat_alpha(f, r, kernel) >= limits.least : r < limits.support;
 }
 
 }  // namespace ubs::oracle

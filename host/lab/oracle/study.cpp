@@ -139,12 +139,10 @@ Meeting meet(const Footprint<double>& f, const Rounding& s, double x, double y, 
                                             2 * q * dy,
                                             0};
   m.r_rounding = margin * (deviation(s, slope) + 2 * kHalfUlp * m.r);
-  const bool gaussian = kernel == SpatialKernel::gaussian;
-  const double rest = std::max(1 - m.r, 0.0);
-  m.alpha = f.opacity * (gaussian   ? std::exp(-0.5 * m.r)
-                         : rest > 0 ? std::exp(f.beta * std::log(rest))
-                                    : 0.0);
-  const double relative = gaussian ? 0.5 : f.beta / std::max(rest, 1e-300);
+  // A kernel that no limit of alpha ends is 0 outside of its support.
+  const KernelLimits limits = limits_of(kernel);
+  m.alpha = limits.least > 0 || m.r < limits.support ? f.opacity * kernel_value(kernel, m.r, f.beta) : 0.0;
+  const double relative = kernel_slope(kernel, m.r, f.beta);
   const double opacity = margin * std::sqrt(s.covariance[kLogOpacity][kLogOpacity]);
   m.alpha_rounding = m.alpha * std::min(1.0, relative * m.r_rounding + opacity);
   return m;
@@ -153,11 +151,13 @@ Meeting meet(const Footprint<double>& f, const Rounding& s, double x, double y, 
 // Returns whether rounding decides if the pixel is inside the support, and alpha or its slope is large enough
 // at the edge of the support for this to matter.
 bool at_rim(const Footprint<double>& f, const Meeting& m, SpatialKernel kernel) {
-  if (kernel == SpatialKernel::gaussian) return std::abs(m.alpha - kMinAlphaGaussian) < m.alpha_rounding;
+  const KernelLimits limits = limits_of(kernel);
+  if (limits.least > 0) return std::abs(m.alpha - limits.least) < m.alpha_rounding;
   const double width = m.r_rounding + kRimWidth;
-  if (!(std::abs(m.r - 1) < width)) return false;
-  const double inside = f.opacity * std::pow(2 * width, f.beta);
-  return inside > kMaterialWeight || f.beta * inside / (2 * width) > kMaterialSlope;
+  if (!(std::abs(m.r - limits.support) < width)) return false;
+  const double edge = std::max(0.0, limits.support - 2 * width);
+  const double inside = f.opacity * kernel_value(kernel, edge, f.beta);
+  return inside > kMaterialWeight || inside * kernel_slope(kernel, edge, f.beta) > kMaterialSlope;
 }
 
 // PixelStudy determines whether the decisions at a pixel are certain. undecided() returns true if rounding
@@ -168,7 +168,7 @@ class PixelStudy {
       : frame_(frame), rounding_(rounding), margin_(margin), kernel_(kernel) {}
 
   bool undecided(const std::vector<int>& candidates, double x, double y) const {
-    const double cap = kernel_ == SpatialKernel::gaussian ? kMaxAlphaGaussian : kMaxAlpha;
+    const double cap = limits_of(kernel_).most;
     double transmittance = 1, variance = 0, last_weight = 0;
     int last = -1;
     for (int k : candidates) {
@@ -290,7 +290,7 @@ Study study(const Model& model, const Camera& camera, const std::vector<double>&
   std::vector<Rounding> rounding;
   std::vector<Box> boxes;
   const auto doubt = [&](const Footprint<double>& f) {
-    boxes.push_back(box_of(f, support(options.variant.kernel)));
+    boxes.push_back(box_of(f, limits_of(options.variant.kernel).support));
     ++result.undecided_splats;
   };
   for (std::size_t k = 0; k < frame.splats.size(); ++k) {

@@ -54,8 +54,8 @@ void add_betas(Collector& out, const ModelVariant& variant) {
   if (variant.has_spatial_beta())
     out.add(
         {"spatial beta",
-         "exponent of 1 - r",
-         "4 exp(b); low: flat with a hard edge, 4: similar to a Gaussian, high: a narrow peak",
+         row_of(variant.kernel).beta_formula,
+         row_of(variant.kernel).beta_meaning,
          true,
          false,
          {}},
@@ -70,15 +70,15 @@ void add_betas(Collector& out, const ModelVariant& variant) {
     if (variant.beta_opacity == BetaOpacity::tanh)
       out.add({name + " beta", "exponent of 1 - d", meaning, true, false, {}}, rows, exponent);
     if (variant.beta_cond == BetaCond::on)
-      out.add({name + " conditioning",
-               "weight",
-               variant.learnt_weights()
-                   ? "sigmoid(lambda): factor of the motion with the query"
-                   : "min(exp(b), 1): factor of the motion with the query (Gaussians: 1)",
-               false,
-               true,
-               {}},
-              rows, variant.learnt_weights() ? sigmoid : weight);
+      out.add(
+          {name + " conditioning",
+           "weight",
+           variant.learnt_weights() ? "sigmoid(lambda): factor of the motion with the query"
+                                    : "min(exp(b), 1): factor of the motion with the query (Gaussians: 1)",
+           false,
+           true,
+           {}},
+          rows, variant.learnt_weights() ? sigmoid : weight);
   };
   add("direction", "4 exp(b); low: diffuse, high: visible from few directions only", directions);
   add("time", "4 exp(b); low: static, high: visible only for a short time", time);
@@ -86,7 +86,8 @@ void add_betas(Collector& out, const ModelVariant& variant) {
 }
 
 void add_scales(Collector& out, const ModelVariant& variant) {
-  const std::string radius = variant.has_spatial_beta() ? "radius of the support" : "standard deviation";
+  const std::string radius =
+      row_of(variant.kernel).scale_is_support ? "radius of the support" : "standard deviation";
   const std::string form =
       variant.cov_param == CovParam::spatial_ortho ? "along its axes" : "diagonal of the covariance's factor";
   out.add(

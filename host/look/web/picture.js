@@ -25,26 +25,33 @@ void main() {
   gl_Position = vec4(2.0 * at.x / size.x - 1.0, 1.0 - 2.0 * at.y / size.y, 0.0, 1.0);
 }`;
 
+// The spatial kernels of worker.js, as GLSL expressions of r and beta, with the largest alpha and the smallest alpha that
+// contributes.
+const FALLOFFS = {
+  beta: {falloff: 'pow(1.0 - r, beta)', most: '0.999', least: '0.0'},
+  gaussian: {falloff: 'exp(-0.5 * r)', most: '0.99', least: '1.0 / 255.0'}
+};
+const FALLOFF_CASES = Object.values(FALLOFFS).map(({falloff, most, least}, number) => `
+  if (kernel == ${number}) {
+    alpha = min(${most}, opacity * ${falloff});
+    if (alpha < ${least}) discard;
+  }`).join('');
+
 const SPLAT_FRAGMENT = `#version 300 es
 precision highp float;
 flat in vec4 shape;
 flat in vec4 look;
 flat in vec3 colour;
 uniform vec2 size;
-uniform bool gaussian;
+uniform int kernel;  // index in FALLOFFS
 uniform float alphaMin;
 out vec4 result;
 void main() {
   vec2 d = shape.xy - vec2(gl_FragCoord.x, size.y - gl_FragCoord.y);
   vec2 p = vec2(shape.z * d.x + shape.w * d.y, look.x * d.y);
-  float r = dot(p, p), alpha;
+  float r = dot(p, p), opacity = look.y, beta = look.z, alpha = 0.0;
   if (r >= look.w) discard;
-  if (gaussian) {
-    alpha = min(0.99, look.y * exp(-0.5 * r));
-    if (alpha < 1.0 / 255.0) discard;
-  } else {
-    alpha = min(0.999, look.y * pow(1.0 - r, look.z));
-  }
+${FALLOFF_CASES}
   if (alphaMin > 0.0 && alpha <= alphaMin) discard;
   result = vec4(colour * alpha, alpha);
 }`;
@@ -84,7 +91,7 @@ class Picture {
     this.format = floats && gl.getExtension('EXT_float_blend') ? gl.RGBA32F : gl.RGBA16F;
     if (!floats && !gl.getExtension('EXT_color_buffer_half_float'))
       throw new Error('This device cannot render to floating-point framebuffers.');
-    this.splats = this.program(SPLAT_VERTEX, SPLAT_FRAGMENT, ['size', 'depth', 'gaussian', 'alphaMin']);
+    this.splats = this.program(SPLAT_VERTEX, SPLAT_FRAGMENT, ['size', 'depth', 'kernel', 'alphaMin']);
     this.show = this.program(SHOW_VERTEX, SHOW_FRAGMENT, ['sums', 'background', 'channel', 'range']);
     this.buffer = gl.createBuffer();
     this.array = gl.createVertexArray();
@@ -149,7 +156,7 @@ class Picture {
   }
 
   // Draws the frame. `channel` is 0 for colour, 1 for alpha and 2 for depth.
-  draw({channel, background, gaussian, alphaMin}) {
+  draw({channel, background, kernel, alphaMin}) {
     const {gl} = this;
     gl.viewport(0, 0, this.width, this.height);
     gl.bindFramebuffer(gl.FRAMEBUFFER, this.target);
@@ -158,7 +165,7 @@ class Picture {
     gl.useProgram(this.splats.program);
     gl.uniform2f(this.splats.at.size, this.width, this.height);
     gl.uniform1i(this.splats.at.depth, channel === 2);
-    gl.uniform1i(this.splats.at.gaussian, gaussian);
+    gl.uniform1i(this.splats.at.kernel, Object.keys(FALLOFFS).indexOf(kernel));
     gl.uniform1f(this.splats.at.alphaMin, alphaMin);
     gl.enable(gl.BLEND);
     gl.blendFunc(gl.ONE, gl.ONE_MINUS_SRC_ALPHA);

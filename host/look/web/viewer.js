@@ -145,7 +145,7 @@ class Viewer {
     if (this.failed) return;
     const {background, alphaMin} = this.options;
     this.picture.draw(
-        {channel: this.channel, background, alphaMin, gaussian: this.model.switches.kernel === 'gaussian'});
+        {channel: this.channel, background, alphaMin, kernel: this.model.switches.kernel});
     this.stage.classList.add('drawn');
     this.hold(performance.now());
     const done = this.waiting.filter((w) => w.id <= (this.last ? this.last.id : 0));

@@ -111,13 +111,31 @@ function readGroup(group, names, take) {
   return rows;
 }
 
+// The spatial kernels (kSpatialKernels in host/scene/spatial_kernel.hpp; picture.js has their formulas): whether the
+// splats have a beta, the squared distance r at which the kernel ends (UBS_SUPPORT in kernels/variant.h), the smallest
+// alpha that contributes, and r where alpha falls to `least` (kernels/math/falloff.h).
+const KERNELS = {
+  beta: {
+    hasBeta: true,
+    support: 1,
+    leastAlpha: 0,
+    reach: (opacity, least, beta) => 1 - Math.pow(least / opacity, 1 / beta)
+  },
+  gaussian: {
+    hasBeta: false,
+    support: 3.33 ** 2,
+    leastAlpha: 1 / 255,
+    reach: (opacity, least) => 2 * Math.log(opacity / least)
+  }
+};
+
 // Returns the row numbers of the parameters (ParameterLayout in host/scene/splat_model.hpp).
 function layoutOf(dim, s) {
   const degree = Number(s.colour[2]), lobes = s.colour.startsWith('sb') ? degree : 0;
   const harmonics = lobes ? 1 : s.colour === 'rgb' ? 0 : (degree + 1) ** 2, C = dim - 3;
   const l = {dim, C, harmonics, lobes, xyz: 0, rgb: 3, opacity: 3 + 3 * Math.max(harmonics, 1) + 6 * lobes};
   l.beta = l.opacity + 1;
-  l.queryBeta = l.beta + (s.kernel === 'beta' ? 1 : 0);
+  l.queryBeta = l.beta + (KERNELS[s.kernel].hasBeta ? 1 : 0);
   l.mean = l.queryBeta + (s.beta_cond === 'on' || s.beta_opacity === 'tanh' ? C : 0);
   l.scale = l.mean + C;
   l.rotation = l.scale + dim;
@@ -133,7 +151,7 @@ const SWITCHES = {
   beta_cond: 'on|off',
   beta_opacity: 'tanh|none|gaussian',
   cov_mode: 'upper|whiten',
-  kernel: 'beta|gaussian',
+  kernel: Object.keys(KERNELS).join('|'),
   colour: 'rgb|sh0|sh1|sh2|sh3|sb1|sb2|sb3',
   antialias: 'off|on',
   conditioning: 'covariance|direct'
@@ -367,7 +385,7 @@ function prepare(group, s) {
     const to = i * stride;
     for (let k = 0; k < 3; ++k) fixed[to + k] = e[k];
     fixed[to + 3] = length <= 1e24 ? sigmoid(e[l.opacity]) : 0;
-    fixed[to + 4] = s.kernel === 'beta' ? 4 * Math.exp(Math.min(e[l.beta], 7.5)) : 0;
+    fixed[to + 4] = KERNELS[s.kernel].hasBeta ? 4 * Math.exp(Math.min(e[l.beta], 7.5)) : 0;
     // The parameters have the constant harmonics of all channels first, then the others of each channel;
     // `fixed` has all harmonics of one channel after the other.
     for (let c = 0; c < 3 && l.harmonics; ++c)
@@ -443,7 +461,7 @@ function quantiles(model, kind) {
   // If `learnt` is true, the rows of query betas contain weights.
   const learnt = s.conditioning === 'direct' && s.beta_opacity !== 'tanh';
   const has = (l) =>
-      (kind === 'spatial' ? s.kernel === 'beta' :
+      (kind === 'spatial' ? KERNELS[s.kernel].hasBeta :
                             l.mean > l.queryBeta && !learnt &&
                                 (kind === 'angular' ? angular(l.dim) : temporal(l.dim)));
   if (!groups.some((g) => has(g.layout))) return null;
@@ -507,8 +525,8 @@ function project(model, camera, chosen, records, depths) {
   const marginX = 0.15 * width / fx, marginY = 0.15 * height / fy;
   const right = (width - cx) / fx + marginX, left = -cx / fx - marginX;
   const bottom = (height - cy) / fy + marginY, top = -cy / fy - marginY;
-  const gaussian = s.kernel === 'gaussian', support = gaussian ? 3.33 ** 2 : 1;  // as UBS_SUPPORT in kernels/
-  const leastAlpha = gaussian ? Math.max(1 / 255, alphaMin) : alphaMin;
+  const kernel = KERNELS[s.kernel], support = kernel.support;
+  const leastAlpha = Math.max(kernel.leastAlpha, alphaMin);
   const direct = s.conditioning === 'direct', tanh = s.beta_opacity === 'tanh', antialias = s.antialias === 'on';
   const x = new Float64Array(8);
   let drawn = 0, splat = 0;
@@ -573,11 +591,7 @@ function project(model, camera, chosen, records, depths) {
       if (antialias) opacity *= Math.sqrt(Math.max(0, sharp / det));
       if (!(opacity > Math.max(LEAST_OPACITY, leastAlpha))) continue;
       const beta = f[p + 4];
-      let reach = support;
-      if (gaussian)
-        reach = Math.min(support, 2 * Math.log(opacity / leastAlpha));
-      else if (leastAlpha > 0)
-        reach = 1 - Math.pow(leastAlpha / opacity, 1 / beta);
+      const reach = leastAlpha > 0 ? Math.min(support, kernel.reach(opacity, leastAlpha, beta)) : support;
       const o = drawn * RECORD, l00 = Math.sqrt(CC / det);
       records[o] = u;
       records[o + 1] = v;
