@@ -5,9 +5,9 @@
 //
 // Everything is expressed in the splat's own frame M (covariance.h), where Sigma_x is the identity and the query
 // coupling is B (C rows of length N, [Lqx, Lq] or dense):
-//   Sigma_q = B B^T = Lh Lh^T,  B = Lh [U, Q']     (LQ factorisation: the rows of [U, Q'] are orthonormal)
+//   Sigma_q = B B^T = Lh Lh^T,  B = Lh [U, U']     (LQ factorisation: the rows of [U, U'] are orthonormal)
 //   y = Lh^-1 x,  z = Lh^-1 (bt * x),  Y = Lh^-1 diag(bt) B_F
-//   mean offset k = U^T z,  covariance K = I - U^T Y,  so that mu_c = mu_x + M k and V = M K M^T.
+//   mean offset delta = U^T z,  covariance K = I - U^T Y,  so that mu_c = mu_x + M delta and V = M K M^T.
 // M has F columns. F is 3, or N if no block of L is zero. Sigma_xq = M B_F^T, where B_F is the first F columns of B. U
 // is the first F columns of the orthonormal rows, so that the formulas hold for F = N as well.
 // The vector bt contains the weights of the query dimensions. With `cov_mode whiten`, and if all weights are 1, the
@@ -18,7 +18,7 @@
 #pragma once
 
 typedef struct {
-  FrameVec offset;   // k
+  FrameVec offset;   // delta
   FrameMat shrink;   // K; not symmetric if the weights differ
   vreal log_factor;  // ln(o_q / o) <= 0
 } Conditional;
@@ -49,7 +49,7 @@ typedef struct {
 typedef struct {
 #if !UBS_DIRECT
   QueryMat lh;                // lower triangle, positive diagonal
-  vreal q[UBS_C][3 + UBS_C];  // orthonormal rows: [U, Q']
+  vreal q[UBS_C][3 + UBS_C];  // orthonormal rows: [U, U']
   vreal yw[UBS_C][UBS_F];     // Y
 #endif
   QueryVec y, z;
@@ -138,7 +138,7 @@ UBS_FN QueryVec query_solve_transposed(QueryMat lh, QueryVec rhs) {
 // (docs/results/2026-11-20-stability-sweeps.md).
 enum { kOrthogonalPasses = UBS_C > 3 ? 2 : 1 };
 
-// Factorises B = Lh [U, Q']. splat.h bounds the query scales from below, which also bounds the pivots. Only rows of
+// Factorises B = Lh [U, U']. splat.h bounds the query scales from below, which also bounds the pivots. Only rows of
 // zeros have smaller pivots; for such rows, the lower bound UBS_PIVOT_ABSOLUTE keeps the results finite.
 UBS_FN Slice slice_factor(SliceInput in) {
   Slice s;
@@ -227,7 +227,7 @@ UBS_FN SliceVjp slice_vjp(SliceInput in, Slice s, FrameVec v_k, FrameMat v_shrin
     }
   }
 
-  // The offset of the mean: k = U^T z.
+  // The offset of the mean: delta = U^T z.
   QueryVec v_z;
   UBS_UNROLL for (int i = 0; i < UBS_C; ++i) {
     v_z.e[i] = s.q[i][0] * v_k.e[0];
