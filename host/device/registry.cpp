@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <array>
 #include <cctype>
+#include <mutex>
 #include <numeric>
 #include <optional>
 #include <utility>
@@ -34,6 +35,12 @@ std::string list_text(const std::vector<DeviceInfo>& devices) {
     text += fmt::format("{}{}: {}", i ? "; " : "", i, describe(devices[i]));
   return text;
 }
+
+// Drivers initialise themselves in the first call that lists their devices, and not all of them are prepared
+// for two threads that do this at the same time: PoCL 3.1 gives the second thread devices without a name.
+// Therefore only one thread at a time lists or opens devices. The mutex is recursive, because a driver may
+// cause a warning, and the log function of a program may list devices.
+std::recursive_mutex drivers_mutex;
 
 // The table of back ends, in the order in which their devices are listed.
 std::vector<Backend>& backends() {
@@ -104,9 +111,13 @@ std::optional<std::size_t> find_device(const std::vector<DeviceInfo>& devices, s
 
 }  // namespace
 
-void register_backend(Backend backend) { backends().push_back(std::move(backend)); }
+void register_backend(Backend backend) {
+  const std::lock_guard lock(drivers_mutex);
+  backends().push_back(std::move(backend));
+}
 
 std::vector<DeviceInfo> list_devices() {
+  const std::lock_guard lock(drivers_mutex);
   std::vector<DeviceInfo> all;
   for (const Backend& backend : backends())
     for (DeviceInfo& info : devices_of(backend)) all.push_back(std::move(info));
@@ -141,6 +152,7 @@ std::size_t choose_device(const std::vector<DeviceInfo>& devices, const std::str
 }
 
 std::unique_ptr<Device> open_device(std::size_t index) {
+  const std::lock_guard lock(drivers_mutex);
   std::size_t before = 0;
   for (const Backend& backend : backends()) {
     const std::size_t count = devices_of(backend).size();

@@ -4,6 +4,7 @@
 #include <clblast.h>
 
 #include <algorithm>
+#include <mutex>
 
 #include "host/opencl/memory.hpp"
 
@@ -11,6 +12,10 @@ namespace ubs::opencl {
 namespace {
 
 using Parameters = std::unordered_map<std::string, std::size_t>;
+
+// CLBlast fills the table of its constants in the first call, and changes it in OverrideParameters(), both
+// without a lock. Therefore only one thread at a time calls CLBlast, whichever device it uses.
+std::mutex blast_mutex;
 
 // On CPUs, products are divided into blocks of the inner dimension and of the columns, so that a block fits
 // into the cache of a core. On two cores with AVX-512, a product of 512 x 256 x 4608 in blocks reached 115 to
@@ -47,11 +52,15 @@ cl_mem handle_of(const BufferView<float>& view) { return static_cast<OpenclMemor
 }  // namespace
 
 Gemm::Gemm(OpenclDevice& device) : device_(device) {
+  const std::lock_guard lock(blast_mutex);
   if (device.info().type == DeviceType::cpu && device.vector_width() > 1) tune_for_cpu(device);
 }
 
 // CLBlast caches the programs of a context. The context therefore exists until the cache is cleared.
-Gemm::~Gemm() { clblast::ClearCache(); }
+Gemm::~Gemm() {
+  const std::lock_guard lock(blast_mutex);
+  clblast::ClearCache();
+}
 
 std::vector<Gemm::Block> Gemm::blocks(const MatrixProduct& p) const {
   const bool cpu = device_.info().type == DeviceType::cpu;
@@ -94,6 +103,7 @@ std::size_t Gemm::block_bytes(const MatrixProduct& p, const Block& block) const 
   const Layout l = layout(p, block);
   cl_command_queue queue = device_.queue();
   std::size_t bytes = 0;
+  const std::lock_guard lock(blast_mutex);
   check_blast(clblast::GemmTempBufferSize<float>(kRows, kPlain, kPlain, l.rows, l.columns, l.inner,
                                                  l.a_offset, l.a_pitch, l.b_offset, l.b_pitch, l.c_offset,
                                                  l.c_pitch, &queue, bytes),
@@ -112,6 +122,7 @@ void Gemm::multiply(const MatrixProduct& p, const Block& block) {
   const Layout l = layout(p, block);
   const float keep = block.first_inner == 0 ? 0.0f : 1.0f;
   cl_command_queue queue = device_.queue();
+  const std::lock_guard lock(blast_mutex);
   check_blast(clblast::Gemm<float>(kRows, kPlain, kPlain, l.rows, l.columns, l.inner, 1.0f, handle_of(p.a),
                                    l.a_offset, l.a_pitch, handle_of(p.b), l.b_offset, l.b_pitch, keep,
                                    handle_of(p.c), l.c_offset, l.c_pitch, &queue, nullptr,

@@ -742,3 +742,33 @@ TEST_CASE("every setting has a help text, can be read, and can be set to the val
 namespace ubs::test {
 int use_device(const std::string&, bool, bool) { return 0; }
 }  // namespace ubs::test
+
+// Writes a data set with one training image that OpenCV decodes.
+void put_bitmaps(const fs::path& folder) {
+  fs::create_directories(folder);
+  std::ofstream(folder / "transforms_train.json")
+      << R"({"camera_angle_x": 0.8, "frames": [{"file_path": "a.bmp", "transform_matrix":
+            [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 4], [0, 0, 0, 1]]}]})";
+  std::string bytes("BM\x36\x03\0\0\0\0\0\0\x36\0\0\0\x28\0\0\0\x10\0\0\0\x10\0\0\0\1\0\x18", 29);
+  bytes.resize(54);  // header of an image of 16 x 16 pixels with 24 bits each
+  for (int i = 0; i < 3 * 16 * 16; ++i) bytes += static_cast<char>(i);
+  std::ofstream(folder / "a.bmp", std::ios::binary) << bytes;
+}
+
+// Before the mutex in host/device/registry.cpp, 21 of 26 first uses by several threads crashed.
+TEST_CASE("six threads can use the library for the first time at once, with any function") {
+  const Folder& folder = scene();
+  put_bitmaps(folder.path / "bitmaps");
+  small_model().save(folder / "model.ply");
+  {
+    std::ofstream yaml(folder / "settings.yaml");
+    for (const auto& [key, value] : kSettings) yaml << key << ": " << value << "\n";
+  }
+  for (const char* action : {"library", "devices", "open", "render", "train", "compare", "settings",
+                             "synthesise", "arrays", "data", "bitmaps", "convert", "mixed"})
+    for (int run = 0; run < 3; ++run)
+      output_of(std::string(UBS_FIRST_USE " ") + action + " '" + folder.path.string() + "' 2>&1");
+  // The threads also compare the device with float64 at once, and keep the result in an empty cache.
+  const std::string checked = "UBS_CHECK=on UBS_KERNEL_CACHE='" + folder.path.string() + "/cache' ";
+  output_of(checked + UBS_FIRST_USE " compare '" + folder.path.string() + "' 2>&1");
+}
