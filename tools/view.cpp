@@ -5,9 +5,11 @@
 #include <unistd.h>
 
 #include <CLI/CLI.hpp>
+#include <csignal>
 #include <cstdlib>
 #include <memory>
 
+#include "host/base/child_process.hpp"
 #include "host/run/open_data.hpp"
 #include "host/look/serve/live.hpp"
 #include "tools/commands.hpp"
@@ -46,7 +48,11 @@ void open_browser(std::string url) {
   posix_spawn_file_actions_adddup2(&files, STDOUT_FILENO, STDERR_FILENO);
   posix_spawnattr_t attributes;
   posix_spawnattr_init(&attributes);
-  posix_spawnattr_setflags(&attributes, POSIX_SPAWN_SETPGROUP);
+  sigset_t signals;
+  sigemptyset(&signals);
+  for (const int number : kSignalsOfChildren) sigaddset(&signals, number);
+  posix_spawnattr_setsigdefault(&attributes, &signals);
+  posix_spawnattr_setflags(&attributes, POSIX_SPAWN_SETPGROUP | POSIX_SPAWN_SETSIGDEF);
   pid_t child = 0;
   posix_spawnp(&child, program.c_str(), &files, &attributes, arguments, environ);
   posix_spawnattr_destroy(&attributes);

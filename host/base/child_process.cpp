@@ -27,10 +27,11 @@ constexpr std::chrono::milliseconds kPollInterval{50};
 
 // Redirects the standard streams of the child process, and replaces the process by the program arguments[0].
 // This function runs between fork() and execv(), so it only calls async-signal-safe functions. execv() resets
-// signal handlers to their defaults.
+// signal handlers to their defaults, but not ignored signals.
 [[noreturn]] void become(char* const* arguments, int log, pid_t parent) {
   prctl(PR_SET_PDEATHSIG, SIGTERM);
   if (getppid() != parent) _exit(127);  // the parent has died before prctl()
+  for (const int number : kSignalsOfChildren) std::signal(number, SIG_DFL);
   const int nothing = open("/dev/null", O_RDONLY);
   if (nothing < 0 || dup2(nothing, STDIN_FILENO) < 0 || dup2(log, STDOUT_FILENO) < 0 ||
       dup2(log, STDERR_FILENO) < 0)
@@ -91,7 +92,8 @@ ChildResult run_child(const std::vector<std::string>& arguments, const std::file
   Collector collector(child);
   for (;;) {
     int status = 0;
-    if (waitpid(child, &status, WNOHANG) == child) {
+    // The result is -1 if the program has ended, but its status was discarded or another thread has taken it.
+    if (waitpid(child, &status, WNOHANG) != 0) {
       collector.release();
       sync(log);
       return WIFSIGNALED(status) ? ChildResult{0, WTERMSIG(status)} : ChildResult{WEXITSTATUS(status), 0};

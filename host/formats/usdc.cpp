@@ -9,6 +9,7 @@
 #include "host/base/child_process.hpp"
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
+#include "host/base/paths.hpp"
 #include "host/base/temporary_folder.hpp"
 #include "host/formats/foreign_formats.hpp"
 #include "host/formats/splat_series.hpp"
@@ -78,7 +79,7 @@ void convert_usd(const UsdConverter& converter, const fs::path& from, const fs::
   arguments.push_back(from.string());
   if (converter.is_usdcat) arguments.emplace_back("-o");
   arguments.push_back(to.string());
-  if (const int code = exit_code_of(arguments, log); code != 0)
+  if (const int code = exit_code_of(arguments, log); code != 0 || !path_exists(to))
     fail(ErrorKind::data, "{}: {} failed to convert the file with exit code {}: {}", name,
          converter.command.front(), code, last_words(log));
 }

@@ -675,6 +675,12 @@ TEST_CASE("cameras of photographs come from COLMAP") {
   put(folder / "fail", "");
   check_error(folder, "cameras photos --quiet --colmap ./colmap", 3,
               "exhaustive_matcher ended with code 3: the matcher broke");
+  // Daemons and job runners may ignore SIGCHLD. Without its default, ubs would not learn the exit code.
+  const Result ignored = test::run_command(
+      folder, fmt::format("env --ignore-signal=CHLD '{}' cameras photos --quiet --colmap ./colmap",
+                          test::program_of("cameras")));
+  CHECK(ignored.code == 3);
+  CHECK_THAT(ignored.err, Contains("exhaustive_matcher ended with code 3: the matcher broke"));
   fs::remove(folder / "fail");
   // With another lens, the existing files of COLMAP are useless and must be deleted. A dry run only prints
   // the command that deletes them.

@@ -5,6 +5,7 @@
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
+#include <csignal>
 #include <cstdlib>
 #include <iostream>
 #include <map>
@@ -166,6 +167,8 @@ void prepare_environment() {
   setenv("OPENCV_FFMPEG_CAPTURE_OPTIONS",
          "format_whitelist;avi,matroska,mov,mpegts,webm|protocol_whitelist;file", 0);
   keep_driver_caches([](const char* name, const char* value) { setenv(name, value, 1); });
+  // The parent may have ignored this signal. Then the exit codes of child processes would be lost.
+  std::signal(SIGCHLD, SIG_DFL);
 }
 
 }  // namespace
