@@ -65,9 +65,10 @@ ubs_status ubs_meter_create(ubs_device* device, const char* networks, const char
                             ubs_meter** meter) {
   return made(meter, [&] {
     const LpipsRequest request = request_of(networks, weights);
+    const std::shared_ptr<OpenDevice> open = given(device, "device").open;
+    const std::lock_guard lock(open->mutex);
     auto created = std::make_unique<ubs_meter>();
-    created->open = given(device, "device").open;
-    const std::lock_guard lock(created->open->mutex);
+    created->open = open;
     prove_device(created->open->device->info(), created->open->index,
                  comparing_use(!request.networks.empty()));
     created->comparison.emplace(*created->open->device, request);

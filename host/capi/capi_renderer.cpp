@@ -249,9 +249,10 @@ ubs_status ubs_renderer_create_falloff(ubs_device* device, const ubs_model* mode
     validate(values);
     if (!(flags & UBS_RENDER_GAUSSIANS)) check_parameters(loaded.model);
     if (!values.chosen.contains("query_grad")) values.query_grad = depends_on_direction(loaded.model);
+    const std::shared_ptr<OpenDevice> open = given(device, "device").open;
+    const std::lock_guard lock(open->mutex);
     auto created = std::make_unique<ubs_renderer>();
-    created->open = given(device, "device").open;
-    const std::lock_guard lock(created->open->mutex);
+    created->open = open;
     const bool backward = flags & UBS_RENDER_GRADIENTS;
     prove_device(created->open->device->info(), created->open->index,
                  drawing_use(loaded.model, values, backward));

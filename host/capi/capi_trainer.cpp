@@ -141,11 +141,13 @@ ubs_status ubs_trainer_create(ubs_device* device, const ubs_data* data, const ub
                               const ubs_model* initial, ubs_trainer** trainer) {
   return made(trainer, [&] {
     const Stopwatch since_start;
+    const std::shared_ptr<OpenDevice> open = given(device, "device").open;
+    std::unique_lock lock(open->mutex, std::defer_lock);  // destroyed after `created`
     auto created = std::make_unique<ubs_trainer>();
     ubs_trainer& t = *created;
     TrainSettings asked = settings ? settings->values : TrainSettings{};
     validate(asked);
-    t.open = given(device, "device").open;
+    t.open = open;
     given(data, "data");
     // Images with transparent pixels were composited with this colour.
     if (asked.background.automatic) asked.background.colour = data->settings.background.colour;
@@ -153,7 +155,7 @@ ubs_status ubs_trainer_create(ubs_device* device, const ubs_data* data, const ub
     check_as_opened(asked, *data);
     t.run = std::make_unique<TrainingRun>(data->set, asked, initial == nullptr);
     TrainingRun& run = *t.run;
-    const std::lock_guard lock(t.open->mutex);
+    lock.lock();
     Device& opened = *t.open->device;
     prove_device(opened.info(), t.open->index, run.use());
     double compiling = 0;

@@ -55,7 +55,8 @@ ubs_status guarded(const Action& action) noexcept {
 }
 
 // Runs `make` and stores the handle that it returns in `*out`. Handles exceptions in the same way as
-// guarded(). If `make` uses a device, it must lock the mutex of the device itself.
+// guarded(). If `make` uses a device, it must lock the mutex of the device itself, before it creates the
+// object. Otherwise, if the creation fails, the object frees its device memory without the lock.
 template <typename Handle, typename Make>
 ubs_status made(Handle** out, const Make& make) noexcept {
   if (out) *out = nullptr;
