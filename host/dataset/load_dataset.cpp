@@ -347,7 +347,7 @@ bool has_frames(const fs::path& file) {
     const Json json = parse_json(text, file.string());
     return json.is_object() && json.contains("frames") && json["frames"].is_array() &&
            !json["frames"].empty() && json["frames"][0].is_object();
-  } catch (const Error&) {  // the file is damaged, so it is not suggested
+  } catch (const std::exception&) {  // the file is damaged, so it is not suggested
     return false;
   }
 }
@@ -370,7 +370,7 @@ const Layout* layout_of(const fs::path& folder) {
   try {
     for (const Layout& layout : kLayouts)
       if (!layout.camera_files(folder).empty()) return &layout;
-  } catch (const Error&) {
+  } catch (const std::exception&) {
   }
   return nullptr;
 }
@@ -385,7 +385,7 @@ void list_subfolders(const fs::path& folder, int levels, std::vector<fs::path>& 
     list.push_back(entry);
     try {
       list_subfolders(entry, name == "sparse" || name == "colmap" ? levels : levels - 1, list);
-    } catch (const Error&) {  // a folder that cannot be read contains no data
+    } catch (const std::exception&) {  // a folder that cannot be read contains no data
     }
   }
 }
@@ -589,8 +589,7 @@ void decode_images(Dataset& data, const DatasetOptions& options) {
       if (!wanted(options, split.name)) view.source.reset();
       if (!view.source) continue;
       pending.push_back(&view);
-      bytes += std::size_t{3} * static_cast<std::size_t>(view.camera.width) *
-               static_cast<std::size_t>(view.camera.height);
+      bytes += view.image_bytes();
     }
   const std::size_t cache = static_cast<std::size_t>(options.read.image_cache_mb) << 20;
   if (bytes > cache) {

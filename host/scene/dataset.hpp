@@ -21,6 +21,7 @@ struct Image8 {
   int width = 0, height = 0;
   std::vector<std::uint8_t> rgb;     // (height, width, 3)
   std::vector<std::uint8_t> mask{};  // (height, width); 0: the pixel is ignored; empty: no pixel is ignored
+  std::size_t bytes() const { return rgb.size() + mask.size(); }
 };
 
 // Converts (height, width, 3) to (3, height, width).
@@ -63,6 +64,11 @@ struct View {
 
   bool has_image() const { return source != nullptr || !image.rgb.empty(); }
   Image8 load_image() const { return source ? source->load() : image; }
+  // Size of the decoded image, which need not be decoded yet.
+  std::size_t image_bytes() const {
+    return (masked ? 4 : 3) * static_cast<std::size_t>(camera.width) *
+           static_cast<std::size_t>(camera.height);
+  }
 };
 
 struct Split {

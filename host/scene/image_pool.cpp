@@ -12,8 +12,6 @@ namespace {
 // budget without saving time.
 constexpr std::size_t kMaxAhead = 8;
 
-std::size_t image_bytes(const Image8& image) { return image.rgb.size() + image.mask.size(); }
-
 }  // namespace
 
 ImagePool::ImagePool(std::size_t budget_bytes, unsigned threads) : budget_(budget_bytes) {
@@ -108,8 +106,8 @@ void ImagePool::decode(std::unique_lock<std::mutex>& lock, std::size_t index) {
   if (image) {
     entry.image = image;
     entry.place = recent_.insert(recent_.end(), index);
-    bytes_ += image_bytes(*image);
-    largest_ = std::max(largest_, image_bytes(*image));
+    bytes_ += image->bytes();
+    largest_ = std::max(largest_, image->bytes());
     peak_ = std::max(peak_, bytes_);
     make_room(index);
   }
@@ -125,7 +123,7 @@ void ImagePool::make_room(std::size_t keep) {
       ++it;
       continue;
     }
-    bytes_ -= image_bytes(*entry.image);
+    bytes_ -= entry.image->bytes();
     entry.image.reset();
     entry.state = State::absent;
     it = recent_.erase(it);

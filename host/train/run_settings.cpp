@@ -113,9 +113,7 @@ MemoryQuestion memory_question(const TrainSettings& settings, const Split& train
   for (const Split* split : {&train, &test})
     for (const View& view : split->views) {
       const Camera& camera = view.camera;
-      const std::uint64_t pixels =
-          std::uint64_t{static_cast<unsigned>(camera.width)} * static_cast<unsigned>(camera.height);
-      const std::uint64_t bytes = (view.masked ? 4 : 3) * pixels;
+      const std::uint64_t bytes = view.image_bytes();
       question.target_bytes += bytes;
       largest = std::max(largest, bytes);
       if (ImageShape{camera.width, camera.height}.plane() >

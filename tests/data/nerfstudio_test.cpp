@@ -577,6 +577,25 @@ TEST_CASE("dataset: images that do not fit into the cache are decoded on demand,
   CHECK(some.splits[0].views[0].load_image().rgb == all.splits[0].views[0].image.rgb);
 }
 
+TEST_CASE("dataset: the mask of an image counts as memory of the cache", "[dataset]") {
+  TempFolder folder;
+  put_image(folder / "a.png", 640, 480);  // 0.88 MiB, and 1.17 MiB with a mask
+  put_image(folder / "mask.png", 640, 480);
+  DatasetOptions options;
+  options.read.image_cache_mb = 1;
+  for (const bool masked : {false, true}) {
+    put(folder / "transforms_train.json",
+        fmt::format(R"({{"camera_angle_x": 0.8, "frames": [{{"file_path": "a.png"{}, "transform_matrix":
+                    [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 4], [0, 0, 0, 1]]}}]}})",
+                    masked ? R"(, "mask_path": "mask.png")" : ""));
+    const Dataset data = load_dataset(folder.path(), options);
+    const View& view = data.splits.at(0).views.at(0);
+    CHECK(view.masked == masked);
+    CHECK(view.image.rgb.empty() == masked);  // decoded on demand
+    CHECK(view.load_image().bytes() == view.image_bytes());
+  }
+}
+
 TEST_CASE("llff: poses, image sizes and depth bounds are read", "[llff]") {
   TempFolder folder;
   std::vector<double> rows;
