@@ -45,7 +45,7 @@ struct ReportOptions {
 struct RunModel {
   std::optional<MixedModel> model;
   std::optional<std::array<double, 3>> offset;
-  std::string data;                         // data that the run was trained on, if known
+  std::string data, data_from_run;          // paths of the data that the run was trained on, if known
   std::optional<std::uint32_t> data_print;  // fingerprint() of these data
   LoadedModel loaded;                       // content of the model file, except for the model itself
 };
@@ -72,12 +72,13 @@ std::optional<Checkpoint> later_checkpoint(RunRecord& run) {
 RunModel open_run_model(RunRecord& run) {
   RunModel out;
   out.data = run.text({"data"});
+  out.data_from_run = run.text({"data_from_run"});
   if (const auto print = run.number({"data_print"})) out.data_print = static_cast<std::uint32_t>(*print);
   if (std::optional<Checkpoint> checkpoint = later_checkpoint(run)) {
     run.settings.background = learnt_background(checkpoint->settings.background, checkpoint->state.sky);
     scale_lengths(checkpoint->state.model, checkpoint->settings.unit);
     out.model = std::move(checkpoint->state.model);
-    if (out.data.empty()) out.data = checkpoint->data;
+    if (out.data.empty()) out.data = checkpoint->data, out.data_from_run = checkpoint->data_from_run;
     out.data_print = checkpoint->data_print;
   } else if (path_exists(run.model())) {
     LoadedModel loaded = load_splat_model(run.model());
@@ -129,7 +130,7 @@ std::optional<Views> find_views(RunRecord& run, const RunModel& model, const Rep
       model.data.empty()
           ? "the run does not state which data it was trained on (pass --data DIR)"
           : fmt::format("the data folder {} does not exist (choose another with --data DIR)", model.data);
-  for (const fs::path& place : data_places(model.data, run.folder)) {
+  for (const fs::path& place : data_places(model.data, model.data_from_run, run.folder)) {
     if (!path_exists(place)) continue;
     try {
       Views views = open_views(model, place, run.settings);

@@ -5,6 +5,7 @@
 
 #include "host/base/paths.hpp"
 #include "host/base/text.hpp"
+#include "host/look/report/run_record.hpp"
 #include "host/settings/fields.hpp"
 #include "tools/common/program_version.hpp"
 
@@ -116,6 +117,7 @@ Json run_json(const Start& start, TrainingRun& run, const Device& device, std::u
   Json json{{"version", version()},
             {"build", build_id()},
             {"data", start.data},
+            {"data_from_run", data_from_run(start.data, start.out)},
             {"interrupted", outcome.interrupted},
             {"ended_early", nullptr},
             {"dim", settings.dim},

@@ -84,6 +84,7 @@ Json header_of(const Checkpoint& c, std::uint64_t splats, const Sizes& sizes) {
           {"rollbacks", s.rollbacks},
           {"dropped", s.dropped},
           {"data", c.data},
+          {"data_from_run", c.data_from_run},
           {"data_print", c.data_print},
           {"device", c.device},
           {"build", c.build},
@@ -155,6 +156,7 @@ Sizes read_header(const Json& h, Checkpoint& c, const std::string& name) {
   s.rollbacks = h.at("rollbacks").get<int>();
   s.dropped = h.at("dropped").get<std::uint64_t>();
   c.data = h.at("data").get<std::string>();
+  c.data_from_run = h.value("data_from_run", "");
   c.data_print = h.at("data_print").get<std::uint32_t>();
   c.device = h.at("device").get<std::string>();
   c.build = h.at("build").get<std::string>();

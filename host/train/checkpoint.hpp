@@ -24,6 +24,7 @@ struct Checkpoint {
   TrainState state;
   TrainSettings settings;
   std::string data;              // absolute path of the data
+  std::string data_from_run;     // path of the data relative to the folder of the run; may be empty
   std::uint32_t data_print = 0;  // fingerprint() of the training views
   std::string device, build;     // names; results are bit-identical only with the same device and build
   // Number of views of a batch that each rank renders. Empty unless the run uses several kinds of devices.

@@ -193,6 +193,38 @@ TEST_CASE("every command that accepts a model accepts the folder of a run, and f
   CHECK_THAT(ubs_ok(folder, "bench sets/run --list").out, Contains("model.300.16x16"));
 }
 
+TEST_CASE("the data of a run are found from every folder, also after they were moved with the run") {
+  const TempFolder folder;
+  put_scene(folder / "all/sets/data", 32, 6, 2);
+  fs::create_directories(folder / "all/start");
+  fs::create_directories(folder / "far/away");
+  const auto ok = [&](const std::string& where, const std::string& arguments) {
+    const Result result = test::run_command(
+        folder, fmt::format("(cd '{}' && '{}' {})", where, test::program_of(arguments), arguments));
+    INFO(where << ": " << arguments << "\n" << result.err);
+    CHECK(result.code == 0);
+    return result;
+  };
+  ok("all/start", fmt::format("train ../sets/data --out ../runs/deep/one {}", kShort));
+  for (const char* moved : {"all", "moved"}) {
+    if (!fs::exists(folder / moved)) fs::rename(folder / "all", folder / moved);
+    const std::string run = fmt::format("../../{}/runs/deep/one", moved);
+    for (const char* more :
+         {"eval {} --fps-views 0", "reduce {} --lossless --out ../small.ply --overwrite --quiet",
+          "compare {} --devices cpu --repeat 1", "convert {} ../copy.spz --distill 0 --overwrite"})
+      CHECK_THAT(ok("far/away", fmt::format(fmt::runtime(more), run)).err,
+                 Contains("data of the run: ") && Contains(fmt::format("{}/sets/data", moved)));
+    CHECK_THAT(ok("far/away", fmt::format("report {} --out ../{}.html", run, moved)).err,
+               !Contains("data folder"));
+  }
+  // The same holds for a run that is resumed.
+  ok("moved/start",
+     fmt::format("train ../sets/data --out ../runs/deep/two {} --checkpoint-every 10", kShort));
+  fs::rename(folder / "moved/runs/deep/two/continue.ubs", folder / "moved/runs/deep/two/checkpoint.ubs");
+  fs::rename(folder / "moved", folder / "again");
+  ok("far/away", "train --resume ../../again/runs/deep/two --quiet");
+}
+
 TEST_CASE("without data, a model is rendered from its stored training cameras") {
   const TempFolder folder;
   put_scene(folder / "data", 32, 8, 2, "orbit");

@@ -124,7 +124,7 @@ RunData use_run_data(const std::string& model, std::string& data) {
          "{}: does not name the data folder of the run: pass the data folder after the model",
          RunFolder(folder).metrics().string());
   std::string why = "does not exist";
-  for (const std::filesystem::path& place : data_places(named, run.folder)) {
+  for (const std::filesystem::path& place : data_places(named, run.text({"data_from_run"}), run.folder)) {
     if (!path_exists(place)) continue;
     why = "contains other cameras, names or images than the data that the run was trained on";
     try {

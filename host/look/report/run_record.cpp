@@ -170,11 +170,19 @@ Json parse_log(const std::string& csv, const std::string& origin, std::vector<st
   return log;
 }
 
-std::vector<fs::path> data_places(const std::string& data, const fs::path& run) {
-  if (data.empty()) return {};
-  if (fs::path(data).is_absolute()) return {data};
-  const fs::path whole = (fs::absolute(run) / "").lexically_normal().parent_path();
-  return {data, whole.parent_path() / data};
+std::string data_from_run(const fs::path& data, const fs::path& run) {
+  return resolved_path(data).lexically_relative(resolved_path(run)).string();
+}
+
+std::vector<fs::path> data_places(const std::string& data, const std::string& from_run, const fs::path& run) {
+  std::vector<fs::path> places;
+  const fs::path whole = resolved_path(run);
+  const bool absolute = fs::path(data).is_absolute();
+  if (absolute) places.emplace_back(data);
+  if (!from_run.empty() && fs::path(from_run).is_relative())
+    places.push_back((whole / from_run).lexically_normal());
+  if (!data.empty() && !absolute) places.insert(places.end(), {data, whole.parent_path() / data});
+  return places;
 }
 
 RunRecord read_run(const fs::path& folder) {

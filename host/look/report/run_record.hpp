@@ -43,11 +43,16 @@ struct RunRecord {
 // or has an invalid metrics.json or config.yaml.
 RunRecord read_run(const std::filesystem::path& folder);
 
-// Returns the possible locations of a data folder. `data` is its path as recorded in the folder `run`. If
-// this path is relative, its base is the folder in which training was started, which is not recorded. The
-// result then contains two locations: relative to the current working folder, and relative to the folder that
-// contains `run`.
-std::vector<std::filesystem::path> data_places(const std::string& data, const std::filesystem::path& run);
+// Returns the path of a data folder relative to the folder `run`, which runs record in addition to the path
+// that the user passed.
+std::string data_from_run(const std::filesystem::path& data, const std::filesystem::path& run);
+// Returns the possible locations of the data of a run in the folder `run`, whatever the current working
+// folder is. `data` is their path as the user passed it, and `from_run` is the result of data_from_run(),
+// which stays valid if the run is moved together with its data. `from_run` may be empty, because older runs
+// have not recorded it. The base of a relative path `data` is the folder in which training was started, which
+// is not recorded; it may be the working folder, or the folder that contains `run`.
+std::vector<std::filesystem::path> data_places(const std::string& data, const std::string& from_run,
+                                               const std::filesystem::path& run);
 
 // Reads the text of a log.csv. The first line contains the names of the columns, which may be in any order.
 // Unknown columns are ignored. Rows with a wrong number of fields, without an iteration, or with fields that
