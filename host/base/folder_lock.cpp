@@ -34,9 +34,18 @@ std::string holder_in(const fs::path& path) {
     std::string text = read_text_file(path);
     while (!text.empty() && text.back() == '\n') text.pop_back();
     return text.empty() ? "another process" : text;
-  } catch (const Error&) {
+  } catch (const std::exception&) {
     return "another process";
   }
+}
+
+// Returns whether an open file is the one that has this path.
+bool is_same(int file, const fs::path& path, bool follow) {
+  struct stat opened {
+  }, named{};
+  return ::fstat(file, &opened) == 0 &&
+         (follow ? ::stat(path.c_str(), &named) : ::lstat(path.c_str(), &named)) == 0 &&
+         opened.st_ino == named.st_ino && opened.st_dev == named.st_dev;
 }
 
 bool is_unsupported(int reason) {
@@ -52,6 +61,24 @@ FolderLock::FolderLock(fs::path folder) : folder_(std::move(folder)), path_(fold
     fail(ErrorKind::usage,
          "{}: {} is writing to this folder: wait until it has finished, or choose another folder",
          folder_.string(), holder_in(path_));
+  folder_file_ = ::open(folder_.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+}
+
+bool FolderLock::is_in_place() const { return !held_ || is_same(file_, path_, false); }
+
+void FolderLock::check_place() {
+  if (is_in_place()) return;
+  if (is_same(folder_file_, folder_, true)) {
+    const int before = file_;
+    if (try_once()) {
+      ::close(before);
+      return;
+    }
+  }
+  fail(ErrorKind::data,
+       "{}: this folder was removed or replaced while this process was writing to it: the results are not "
+       "written, because they would be mixed with other files",
+       folder_.string());
 }
 
 // The process that holds the lock removes the file when it releases the lock. So between open() and flock()
@@ -59,18 +86,23 @@ FolderLock::FolderLock(fs::path folder) : folder_(std::move(folder)), path_(fold
 bool FolderLock::try_once() {
   const int file = ::open(path_.c_str(), O_RDWR | O_CREAT | O_NOFOLLOW | O_CLOEXEC, 0666);
   if (file < 0) fail(ErrorKind::data, "{}: cannot write: {}", path_.string(), std::strerror(errno));
-  struct stat opened {
-  }, named{};
   const bool held = ::flock(file, LOCK_EX | LOCK_NB) == 0;
   if (!held && is_unsupported(errno)) {
     warn_once(fmt::format("{}: this file system does not support locks: do not start two runs in this folder",
                           folder_.string()));
-  } else if (!held || ::fstat(file, &opened) != 0 || ::lstat(path_.c_str(), &named) != 0 ||
-             opened.st_ino != named.st_ino || opened.st_dev != named.st_dev) {
+  } else if (!held || !is_same(file, path_, false)) {
     ::close(file);
     return false;
   }
+  struct stat status {};
+  if (::fstat(file, &status) != 0 || !S_ISREG(status.st_mode) || status.st_nlink != 1) {
+    ::close(file);
+    fail(ErrorKind::data,
+         "{}: this is not an ordinary file with a single name, so ubs does not write to it: remove it",
+         path_.string());
+  }
   file_ = file;
+  held_ = held;
   const std::string text = this_holder() + "\n";
   // The text is only for error messages. The lock does not depend on it, so errors such as a full disk are
   // ignored.
@@ -80,8 +112,11 @@ bool FolderLock::try_once() {
 
 FolderLock::~FolderLock() {
   if (file_ < 0) return;
-  ::unlink(path_.c_str());
-  for (const fs::path& made : made_) ::rmdir(made.c_str());  // fails if the folder is not empty
+  if (is_in_place()) {  // otherwise the folder belongs to somebody else
+    ::unlink(path_.c_str());
+    for (const fs::path& made : made_) ::rmdir(made.c_str());  // fails if the folder is not empty
+  }
+  ::close(folder_file_);
   ::close(file_);
 }
 
