@@ -306,6 +306,7 @@ int run(const CamerasOptions& options) {
       return kInterruptedExitCode;
     }
   }
+  lock->check_place();
   const ColmapModel model = keep_best(places);
   fs::remove_all(places.mapping);
   if (model.images.size() < places.pictures.size())

@@ -289,6 +289,7 @@ int run(RenderOptions& options) {
     const std::size_t own = i + static_cast<std::size_t>(ranks().rank());
     const std::vector<RenderedView> drawn = gather(
         own < split.views.size() ? drawing.draw(own) : RenderedView{}, std::span(split.views).subspan(i));
+    if (held) held->check_place();
     for (std::size_t k = 0; writes && k < drawn.size(); ++k) {
       outputs->add(split.views[i + k], drawn[k]);
       progress.update(i + k + 1);

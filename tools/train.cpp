@@ -97,7 +97,9 @@ Outcome train(Trainer& trainer, RunFolder& folder, Progress& progress, const Int
 Outcome train_and_keep(Trainer& trainer, RunFolder& folder, RunKeeper& keeper, Progress& progress,
                        const InterruptGuard& guard, serve::LiveTraining* live) {
   const RunInterval interval = checkpoint_interval(trainer.settings());
-  const auto save = [&](const TrainState& state) { keeper.save(state, trainer.plan().recorded()); };
+  const auto save = [&](const auto& state) {  // of the trainer, or the trainer itself
+    return keeper.save(state, trainer.plan().recorded());
+  };
   const auto keeps_start = [&] {
     const auto& start = trainer.completed_from();
     return start && keeper.saved_iteration() == start->iteration;
@@ -108,15 +110,15 @@ Outcome train_and_keep(Trainer& trainer, RunFolder& folder, RunKeeper& keeper, P
     if (folder.writes()) warn("{}", message);
   });
   try {
-    const Outcome outcome = train(trainer, folder, progress, guard, live);
-    if (outcome.interrupted && !keeps_start()) save(trainer.state());
+    Outcome outcome = train(trainer, folder, progress, guard, live);
+    if (outcome.interrupted && !keeps_start()) outcome.saved = save(trainer);
     return outcome;
   } catch (const std::exception& exception) {
     const Error error = as_error(exception);
     progress.finish();
     if (ranks().size() > 1) throw;  // other ranks do not know about the exception
     try {
-      if (trainer.state_is_whole() && trainer.iteration() > 0 && !keeps_start()) save(trainer.state());
+      if (trainer.state_is_whole() && trainer.iteration() > 0 && !keeps_start()) save(trainer);
     } catch (const std::exception&) {  // the device is lost: report the first error
     }
     if (keeper.saved_iteration() < 0) throw;
@@ -208,8 +210,8 @@ void finish(RunFolder& folder, RunKeeper& keeper, const Trainer& trainer,
   const bool keeps_early = early && keeper.saved_iteration() == early->iteration;
   if (keeps_early) folder.keep_checkpoint();
   const RunInterval interval = checkpoint_interval(trainer.settings());
-  if (interval.iterations > 0 || interval.seconds > 0)
-    keeper.save(trainer.state(), trainer.plan().recorded());
+  if (interval.iterations > 0 || interval.seconds > 0 || keeper.saved_iteration() >= 0)
+    keeper.save(trainer, trainer.plan().recorded());
   try {
     write();
     folder.sync_log();
@@ -223,7 +225,7 @@ void finish(RunFolder& folder, RunKeeper& keeper, const Trainer& trainer,
   if (keeps_early)
     folder.remove_checkpoint();
   else
-    folder.keep_checkpoint();
+    keeper.finish(trainer.iteration());
 }
 
 // Assigns more views to ranks with faster devices. The speeds measured at the start of a run are used for the
@@ -268,7 +270,7 @@ int run(const TrainOptions& options) {
   const LpipsRequest lpips = options.lpips.request();
   Start start = start_of(options.start, options.settings, ranks().first());
   if (ranks().size() > 1) check_shared(options, start.settings);
-  RunFolder folder(start.out, ranks().first());
+  RunFolder folder(start.out, ranks().first(), start.lock.get());
   const bool resumes = start.checkpoint.has_value(), overwrite = options.start.overwrite || resumes;
   folder.check_files(overwrite);
   const std::unique_ptr<serve::Server> server = options.serve.open();

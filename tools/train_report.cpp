@@ -84,7 +84,9 @@ void print_summary(const Start& start, const RunFolder& folder, Trainer& trainer
   if (renders > 0) say("renders  {} (ground truth | render)\n", folder.renders().string());
   say("settings and log  {}\n", start.out);
   const std::string run = shell_word(start.out);
-  if (outcome.interrupted)
+  if (outcome.interrupted && !outcome.saved)
+    say("next     the state was not saved, so this model cannot be trained further (the reason is above)\n");
+  else if (outcome.interrupted)
     say("next     ubs train --resume {}{}\n", run,
         early ? fmt::format(" (the run continues after iteration {}, as if it had not been interrupted)",
                             early->iteration)

@@ -20,6 +20,7 @@ struct Evaluation {
 
 struct Outcome {
   bool interrupted = false;
+  bool saved = true;                     // false if the state of an interrupted run could not be saved
   std::optional<Evaluation> evaluation;  // the last evaluation
   std::optional<Metrics> train;          // some training views, measured with the finished model
 };

@@ -28,7 +28,7 @@ bool is_left_empty(const std::filesystem::path& folder) {
     if (entries.size() != 1 || entries[0].filename() != ".ubs-lock") return false;
     const FolderLock lock(folder);
     return true;
-  } catch (const Error&) {
+  } catch (const std::exception&) {
     return false;
   }
 }

@@ -61,7 +61,7 @@ NonFiniteSource find_nonfinite_source(Device& device, Stages& stages, TrainingVi
         return {"project_backward", view};
     }
     return {"adam", views.batch() == 1 ? static_cast<std::int64_t>(views.view_of(first)) : -1};
-  } catch (const Error&) {  // for example, the device has no memory for a second model
+  } catch (const std::exception&) {  // for example, the device has no memory for a second model
     return {"unknown"};
   }
 }

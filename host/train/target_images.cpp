@@ -9,14 +9,14 @@
 namespace ubs {
 namespace {
 
-std::size_t bytes_of(const Image8& image) { return image.rgb.size() + image.mask.size(); }
-
 // Returns an image from the pool. Reading from a network drive may fail once, so the function retries and
 // only reports a second failure.
 std::shared_ptr<const Image8> get_or_retry(ImagePool& pool, std::size_t index) {
   try {
     return pool.get(index);
-  } catch (const Error&) {
+  } catch (const std::bad_alloc&) {
+    throw;
+  } catch (const std::exception&) {
     return pool.get(index);
   }
 }
@@ -78,11 +78,11 @@ void TargetImages::upload(std::size_t index) {
   const Image8& full = entry.image ? *entry.image : *pooled;
   const Image8 small = index < reduced_ && factor_ > 1 ? reduced(full, factor_) : Image8{};
   const Image8& image = small.rgb.empty() ? full : small;
-  if (used_ + bytes_of(image) <= budget_) {
+  if (used_ + image.bytes() <= budget_) {
     Planes planes;  // local until it is complete, because an allocation may fail
     fill(planes, image);
     entry.planes = std::move(planes);
-    used_ += bytes_of(image);
+    used_ += image.bytes();
     return;
   }
   Staging& staging = staging_[next_staging_];

@@ -6,6 +6,7 @@
 #include <span>
 
 #include "host/base/error.hpp"
+#include "host/base/warning.hpp"
 #include "host/train/nonfinite_source.hpp"
 
 namespace ubs {
@@ -226,10 +227,18 @@ bool Trainer::save_due() const {
 }
 
 // Saves the state. Relocation, growth or noise may have produced a value that is not finite and that only the
-// next step will detect. In this case nothing is saved, and the previously saved state remains.
+// next step will detect. In this case nothing is saved, and the previously saved state remains. The same
+// holds if the host has no memory for a copy of the state, because training does not need the copy.
 void Trainer::save_state() {
   saved_seconds_ = progress_.seconds;
-  TrainState s = state();
+  TrainState s;
+  try {
+    s = state();
+  } catch (const std::bad_alloc&) {
+    if (scene_.ranks().size() > 1) throw;  // other ranks wait for this one
+    warn("the state at iteration {} is not saved: out of memory", progress_.iteration);
+    return;
+  }
   std::uint64_t bad = is_finite(s) ? 0 : 1;
   scene_.ranks().sum(std::span(&bad, 1));
   if (bad > 0) return;

@@ -24,6 +24,7 @@ using test::ended_by;
 using test::get;
 using test::put;
 using test::put_scene;
+using test::replaced;
 using test::Result;
 using test::run_ubs;
 using test::TempFolder;
@@ -93,6 +94,62 @@ TEST_CASE("cli: a full disk does not end a run") {
   CHECK(result.err.find("disk full?") != std::string::npos);
   CHECK(result.code == 0);
   CHECK(fs::exists(folder / "run/model.ply"));
+}
+
+TEST_CASE("cli: a checkpoint that is older than the model neither becomes continue.ubs nor replaces it") {
+  const TempFolder folder;
+  synthesise(folder);
+  // The run starts with 300 splats and reaches 16000, whose checkpoint of 3.3 MB is larger than the limit for
+  // the size of files, which simulates a full disk.
+  const std::string train =
+      "train --data data --out run --quiet --init-points 300 --cap-max 16000 --dim 3 --set growth=1.8 "
+      "--set refine=0:30000:1500 --save-renders 0 --iterations 200 --checkpoint-every 10";
+  const Result full = shell(folder, "trap '' XFSZ; ulimit -f 2048; exec \"$ubs\" " + train);
+  INFO(full.err);
+  REQUIRE(full.code == 0);
+  CHECK_THAT(full.err, Contains("the checkpoint of iteration ") &&
+                           Contains("is older than the results, and was removed"));
+  CHECK_FALSE(fs::exists(folder / "run/checkpoint.ubs"));
+  CHECK_FALSE(fs::exists(folder / "run/continue.ubs"));
+  const std::string model = get(folder / "run/model.ply");
+  check_error(folder, "train --resume run --budget +2s", 2, "it has no continue.ubs");
+
+  // An older checkpoint that comes back, for example from a backup, is refused.
+  ubs_ok(folder,
+         replaced(replaced(train, "--out run", "--out short"), "--iterations 200", "--iterations 20"));
+  fs::copy_file(folder / "short/continue.ubs", folder / "short/checkpoint.ubs");
+  json metrics = json::parse(get(folder / "short/metrics.json"));
+  metrics["iterations"] = 200;
+  put(folder / "short/metrics.json", metrics.dump());
+  for (const char* file : {"checkpoint.ubs", "continue.ubs"}) {
+    check_error(folder, "train --resume short --budget +2s", 2,
+                "this checkpoint is of iteration 20, but the model in this folder is of iteration 200");
+    fs::remove(folder / "short" / file);
+  }
+  CHECK(get(folder / "run/model.ply") == model);
+}
+
+TEST_CASE("cli: a run whose folder is removed or replaced ends, and writes nothing to the new folder") {
+  const TempFolder folder;
+  synthesise(folder);
+  for (const std::string replace :
+       {"mkdir run", "mkdir other; echo mine >other/model.ply; ln -s other run"}) {
+    const Result result =
+        shell(folder,
+              "\"$ubs\" train --data data --out run --quiet --init-points 50 --cap-max 60 --dim 3 "
+              "--iterations 1000000 --checkpoint-every 5 & pid=$!\n"
+              "until [ -e run/checkpoint.ubs ]; do sleep 0.1; done\n"
+              "mv run away; " +
+                  replace + "; wait $pid");
+    INFO(result.err);
+    CHECK(result.code == 3);
+    CHECK_THAT(result.err, Contains("run: this folder was removed or replaced while this process was") &&
+                               !Contains("--resume"));
+    const bool link = fs::is_symlink(folder / "run");
+    CHECK(test::file_count(folder / "run") == (link ? 1 : 0));
+    if (link) CHECK(get(folder / "other/model.ply") == "mine\n");
+    for (const char* name : {"run", "away"}) fs::remove_all(folder / name);
+  }
 }
 
 TEST_CASE("cli: plan estimates the time and memory of a run, and the run records the actual values") {

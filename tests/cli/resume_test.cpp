@@ -282,6 +282,29 @@ TEST_CASE("cli: a run that exhausts the memory keeps its state, and gives the sa
   ubs_ok(folder, "train --resume run --quiet");
   CHECK(get(folder / "run/model.ply") == get(folder / "whole/model.ply"));
 }
+
+TEST_CASE("cli: a run continues if there is no memory for the copy of its state that a checkpoint needs") {
+  const TempFolder folder;
+  synthesise(folder);
+  constexpr int kSplats = 120;
+  const std::string run =
+      "train --data data --init-points 120 --cap-max 120 --dim 3 --iterations 30 --checkpoint-every 10 "
+      "--save-renders 0 --quiet --out ";
+  ubs_ok(folder, run + "whole");
+  const std::size_t rows = read_checkpoint(folder / "whole/continue.ubs").state.model.values.size() / kSplats;
+  // Each of the first allocations of this size fails in turn, until one of them is that of a checkpoint.
+  bool seen = false;
+  for (int nth = 1; nth <= 30 && !seen; ++nth) {
+    const Result result = test::run_command(
+        folder, fmt::format("UBS_SCARCE_MEMORY={},{} LD_PRELOAD={} '{}' {}run --overwrite",
+                            rows * kSplats * sizeof(float), nth, UBS_SCARCE_MEMORY, UBS_EXECUTABLE, run));
+    seen = result.code == 0 && test::contains(result.err, "out of memory");
+    if (!seen) continue;
+    INFO(result.err);
+    CHECK(get(folder / "run/model.ply") == get(folder / "whole/model.ply"));
+  }
+  CHECK(seen);
+}
 #endif
 
 // Changes splat 7 of a checkpoint to finite parameters whose gradient is not finite. They describe a large

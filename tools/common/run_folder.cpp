@@ -69,6 +69,10 @@ RunFolder::~RunFolder() {
   if (log_ >= 0) ::close(log_);
 }
 
+void RunFolder::check_place() const {
+  if (lock_) lock_->check_place();
+}
+
 std::vector<fs::path> RunFolder::files() const {
   std::vector<fs::path> files{model(), checkpoint(), continuation(), metrics(), config_file(), log_file()};
   for (const char* name : kRunCameraFiles) files.push_back(cameras() / name);
@@ -118,7 +122,7 @@ void RunFolder::remove_renders() const {
   Json json;
   try {
     json = parse_own_json(text, metrics().string());
-  } catch (const Error&) {
+  } catch (const std::exception&) {
     return;
   }
   const auto names = json.is_object() ? json.find("renders") : json.end();
@@ -144,6 +148,7 @@ void RunFolder::begin(TrainSettings settings) {
 
 void RunFolder::write_config(TrainSettings settings) {
   if (!writes_) return;
+  check_place();
   write_file_atomically(config_file(), kConfigHeader + to_yaml(bind_fields(settings, train_fields())));
 }
 
@@ -193,6 +198,7 @@ void RunFolder::check_same_run(const Checkpoint& checkpoint, const fs::path& fro
 }
 
 void RunFolder::start_log(std::string rows) {
+  check_place();
   rows_ = std::move(rows);
   write_file_atomically(log_file(), rows_);
   if (log_ >= 0) ::close(log_);
@@ -232,11 +238,15 @@ void RunFolder::sync_log() {
 }
 
 void RunFolder::save_model(const SplatModel& model_values, std::span<const std::string> comments) {
-  if (writes_) write_splat_ply(model(), model_values, comments);
+  if (!writes_) return;
+  check_place();
+  write_splat_ply(model(), model_values, comments);
 }
 
 void RunFolder::save_metrics(const Json& json) {
-  if (writes_) write_file_atomically(metrics(), json_file_text(json));
+  if (!writes_) return;
+  check_place();
+  write_file_atomically(metrics(), json_file_text(json));
 }
 
 void RunFolder::save_cameras(TrainingRun& run, bool finished) {
@@ -256,18 +266,29 @@ void RunFolder::save_cameras(TrainingRun& run, bool finished) {
       fitted.deviation.centre *= unit;
     }
   const std::array<RunCameras, 2> splits{{{run.train(), refined}, {run.test(), held_out}}};
+  check_place();
   write_run_cameras(cameras(), splits, run.offset(), run.report().folder);
 }
 
 void RunFolder::remove_checkpoint() {
   if (!writes_) return;
+  check_place();
   fs::remove(checkpoint());
   sync_folder(folder_);
 }
 
 void RunFolder::keep_checkpoint() {
-  if (!writes_ || !path_exists(checkpoint())) return;
+  if (!writes_) return;
+  check_place();
+  if (!path_exists(checkpoint())) return;
   fs::rename(checkpoint(), continuation());
+  sync_folder(folder_);
+}
+
+void RunFolder::remove_older_states() {
+  if (!writes_) return;
+  check_place();
+  for (const fs::path& file : {checkpoint(), continuation()}) fs::remove(file);
   sync_folder(folder_);
 }
 
@@ -280,6 +301,7 @@ std::size_t RunFolder::save_renders(Trainer& trainer, const Split& split, int co
   const auto save = [&](std::size_t i) {
     trainer.scene().draw(static_cast<std::uint32_t>(i));
     if (!writes_) return;
+    check_place();
     const RenderedView rendered = trainer.scene().renderer().download();
     const View& view = split.views[i];
     save_png(renders() / (view.name + ".png"),

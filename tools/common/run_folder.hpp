@@ -11,6 +11,7 @@
 #include <string>
 #include <vector>
 
+#include "host/base/folder_lock.hpp"
 #include "host/dataset/load_dataset.hpp"
 #include "host/scene/splat_model.hpp"
 #include "host/settings/train_settings.hpp"
@@ -24,9 +25,13 @@ class RunFolder {
  public:
   // `writes`: false for all ranks of a job except the first. These ranks make the same calls, but do not
   // write.
-  explicit RunFolder(std::filesystem::path folder, bool writes = true)
-      : folder_(std::move(folder)), writes_(writes) {}
+  // `lock`: the lock of the folder, or null if nothing is written.
+  explicit RunFolder(std::filesystem::path folder, bool writes = true, FolderLock* lock = nullptr)
+      : folder_(std::move(folder)), writes_(writes), lock_(lock) {}
   bool writes() const { return writes_; }
+  // Throws Error(data) if the folder was removed or replaced during the run. All functions below that write
+  // call it first.
+  void check_place() const;
 
   RunFolder(const RunFolder&) = delete;
   RunFolder& operator=(const RunFolder&) = delete;
@@ -70,6 +75,8 @@ class RunFolder {
   // Renames checkpoint.ubs to continue.ubs, from which a finished run can be continued with more time.
   // Does nothing if there is no checkpoint.
   void keep_checkpoint();
+  // Removes checkpoint.ubs and continue.ubs, which are older than the results.
+  void remove_older_states();
 
   const std::filesystem::path& path() const { return folder_; }
   std::filesystem::path model() const { return folder_ / "model.ply"; }
@@ -88,6 +95,7 @@ class RunFolder {
 
   std::filesystem::path folder_;
   bool writes_;
+  FolderLock* lock_;
   std::string rows_;  // all rows of log.csv
   // log.csv, open for appending; -1 if the file lacks some rows.
   int log_ = -1;

@@ -251,6 +251,7 @@ int run(CompareOptions& options) {
                   {"repeat", options.repeat}, {"devices", comparison_json(rows)}};
   if (!options.out.empty()) {
     const std::filesystem::path folder(options.out);
+    held->check_place();
     write_file_atomically(folder / "compare.json", json_file_text(json));
     write_file_atomically(folder / "compare.csv", comparison_csv(rows));
     write_file_atomically(folder / "compare.md",
