@@ -55,7 +55,7 @@ void save(const fs::path& file, const std::string& binary) {
   fs::create_directories(file.parent_path(), error);
   try {
     write_file_atomically(file, text, FileUse::cache);
-  } catch (const Error&) {
+  } catch (const std::exception&) {
   }
 }
 

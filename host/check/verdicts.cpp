@@ -122,7 +122,7 @@ void Verdicts::write() const {
   try {
     write_file_atomically(file_, json.dump(1, ' ', false, Json::error_handler_t::replace) + "\n",
                           FileUse::cache);
-  } catch (const Error&) {  // a verdict that is not stored will be determined again
+  } catch (const std::exception&) {  // a verdict that is not stored will be determined again
   }
 }
 

@@ -76,15 +76,15 @@ class CachedSource : public ImageSource {
         Image8 image = load_image(file_);
         if (image.width == width_ && image.height == height_) return image;
         // A damaged file of the cache is replaced without a message, because nothing is lost.
-      } catch (const Error&) {
+      } catch (const std::exception&) {
       }
     }
     Image8 image = inner_->load();
     try {
       make_folders(file_.parent_path());
       save_png(file_, image, FileUse::cache);
-    } catch (const Error& error) {  // without the cache, loading only takes longer
-      warn_once(fmt::format("images are not cached: {}", error.what()));
+    } catch (const std::exception& exception) {  // without the cache, loading only takes longer
+      warn_once(fmt::format("images are not cached: {}", as_error(exception).what()));
     }
     return image;
   }

@@ -78,7 +78,7 @@ void list_below(const fs::path& path, const DataRoot& root, std::set<std::string
       if (!entry.filename().string().starts_with('.')) list_below(entry, root, visited, files);
     // The search for files with similar names is optional. If the search fails, the caller reports that the
     // stated name does not exist.
-  } catch (const Error&) {
+  } catch (const std::exception&) {
   }
 }
 

@@ -96,7 +96,7 @@ FileSums read_sums(const fs::path& folder, bool& same_boot) {
   if (!fs::is_regular_file(folder / kSums, error)) return {};
   try {
     text = read_text_file(folder / kSums);
-  } catch (const Error&) {
+  } catch (const std::exception&) {
     return {};
   }
   const std::size_t end = text.rfind("end ");
@@ -166,7 +166,7 @@ std::size_t check_sums(const fs::path& folder, bool heal) {
     try {
       sum.crc = crc32(read_file(file));
       sound = sound && (!listed || sum.crc == before->second.crc);
-    } catch (const Error&) {
+    } catch (const std::exception&) {
       sound = false;
     }
     if (heal && !sound)
