@@ -12,6 +12,7 @@
 #include "host/base/cache_folder.hpp"
 #include "host/base/environment.hpp"
 #include "host/base/error.hpp"
+#include "host/base/memory_limit.hpp"
 #ifdef UBS_WITH_CUDA
 #include "cuda_backend/cuda_platform.hpp"
 #endif
@@ -130,6 +131,9 @@ std::vector<std::size_t> device_candidates(const std::vector<DeviceInfo>& device
   if (const std::string why = cache_defects(); devices.empty() && !why.empty())
     fail(ErrorKind::data, "cannot store compiled kernels ({}): set UBS_KERNEL_CACHE to a writable folder",
          why);
+#ifdef UBS_WITH_OPENCL
+  if (devices.empty()) check_driver_fits();  // a driver that ran out of memory lists no device
+#endif
   if (devices.empty())
     fail(ErrorKind::device,
          "no compute device found: install the driver of NVIDIA or an OpenCL driver; for a CPU, install "

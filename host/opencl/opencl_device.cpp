@@ -37,6 +37,9 @@ OpenclMemory::OpenclMemory(OpenclDevice& device, std::string label, std::size_t 
          "buffer '{}' needs {} MiB, but {} can allocate at most {} MiB for one buffer; "
          "use fewer splats or smaller images",
          this->label(), bytes >> 20, info.name, info.max_allocation_bytes >> 20);
+  if (info.memory_bytes == 0)
+    fail(ErrorKind::memory, "the limits of this process leave no memory for buffers of {}: raise them{}",
+         info.name, memory_limits_text());
   if (device.allocated_bytes() + bytes > info.memory_bytes)
     fail(ErrorKind::memory,
          "buffer '{}' needs {} MiB, but {} of the {} MiB of {} are already in use: use fewer splats or "

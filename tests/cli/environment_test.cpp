@@ -280,7 +280,7 @@ TEST_CASE("too little address space gives a message with numbers, instead of a c
   const TempFolder folder;
   make_data(folder);
   // The program itself needs 200 MiB. The driver needs about 400 MiB more, and its compiler needs 90 MiB.
-  for (const int mebibytes : {350, 550}) {
+  for (const int mebibytes : {350, 490, 550}) {
     // Remove compiled kernels, so that the driver has to compile them, as for a new user.
     std::filesystem::remove_all(folder / "kernels");
     const Result result =
@@ -289,7 +289,16 @@ TEST_CASE("too little address space gives a message with numbers, instead of a c
     CHECK(get(folder / "err.txt").find(fmt::format("{} MiB", mebibytes)) != std::string::npos);
     CHECK(get(folder / "err.txt").find("ubs: error: ") != std::string::npos);
     CHECK(get(folder / "err.txt").find("ulimit -v") != std::string::npos);
+    CHECK(get(folder / "err.txt").find("0 of the 0 MiB") == std::string::npos);
     CHECK_FALSE(std::filesystem::exists(folder / "run/model.ply"));
+  }
+  // A driver that lacks address space lists no device. The reason is the limit, not a missing driver.
+  for (int mebibytes = 330; mebibytes <= 430; mebibytes += 5) {
+    const Result listed = run_command(
+        folder, fmt::format("bash -c \"ulimit -v {}; exec '{}' devices\"", 1024 * mebibytes, UBS_EXECUTABLE));
+    INFO(mebibytes << " MiB\n" << listed.err);
+    CHECK((listed.code == 0 || listed.code == 6));
+    CHECK(listed.err.find("no compute device found") == std::string::npos);
   }
   const Result enough = train_with_little(folder, 64000, "");
   INFO(enough.err);
