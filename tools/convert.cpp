@@ -237,7 +237,7 @@ bool fits(const ConvertOptions& options, const MixedModel& model) {
 void find_cameras(ConvertOptions& options, const LoadedModel& loaded) {
   if (!options.data.empty() || !loses_in_closed_form(loaded.model)) return;
   try {
-    options.run = use_run_data(options.from, options.camera_data);
+    options.run = use_run_data(options.from, options.camera_data, options.settings.resolve());
   } catch (const std::exception& exception) {
     const ErrorKind kind = as_error(exception).kind();
     if (kind != ErrorKind::usage && kind != ErrorKind::data) throw;
@@ -508,7 +508,8 @@ int run(ConvertOptions& options) {
          "--data is not used here: quality is measured only between ubs and another format, or with "
          "--conditioning");
   options.camera_data = options.data;
-  if (source.ours() && !options.data.empty()) options.run = use_run_data(options.from, options.data);
+  if (source.ours() && !options.data.empty())
+    options.run = use_run_data(options.from, options.data, options.settings.resolve());
   check_output_files(files_of(options, format), {options.from, options.data}, options.overwrite);
   check_extension(options.to, std::string(format.title), {format.extension, format.second_extension});
   if (format.require_writer) format.require_writer();

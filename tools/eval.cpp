@@ -48,7 +48,7 @@ std::string memory_text(std::uint64_t bytes) {
 }
 
 int run(EvalOptions& options) {
-  const RunData run = use_run_data(options.model, options.data);
+  const RunData run = use_run_data(options.model, options.data, options.settings.resolve());
   const bool first = ranks().first();  // the first rank of a job writes
   if (first) {
     check_output_files({options.out}, {options.model, options.data}, options.overwrite);

@@ -53,8 +53,8 @@ void say_plan(const Device& device, const RunPlan& plan) {
 
 int plan_render(PlanOptions& options) {
   options.settings.limit(drawing_keys(), "only applies to training: remove --model");
-  options.settings.resolve();  // reports invalid settings before the model is read
-  const RunData run = use_run_data(options.model, options.data);
+  // Invalid settings are reported before the model is read.
+  const RunData run = use_run_data(options.model, options.data, options.settings.resolve());
   const LoadedModel loaded = open_model(options.model);
   const TrainSettings settings = drawing_settings(options.settings, loaded, options.model, run);
   const Split split =

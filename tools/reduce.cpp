@@ -232,7 +232,7 @@ void check(const ReduceOptions& options) {
 
 int run(ReduceOptions& options) {
   files_before_output();
-  options.run = use_run_data(options.model, options.data);
+  options.run = use_run_data(options.model, options.data, options.settings.resolve());
   check(options);
   Session session(options);
   const MixedModel& model = session.model();

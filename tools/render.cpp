@@ -267,7 +267,7 @@ int run(RenderOptions& options) {
   auto lens = lens_of(options);
   const LoadedModel loaded = options.load();
   RunData run;
-  if (!options.data.empty()) run = use_run_data(options.model, options.data);
+  if (!options.data.empty()) run = use_run_data(options.model, options.data, options.settings.resolve());
   const TrainSettings settings = drawing_settings(options.settings, loaded, options.model, run);
   Split split = wanted_views(options, loaded, settings, run.opened);
   const bool writes = ranks().first();

@@ -6,6 +6,7 @@
 #include <filesystem>
 #include <memory>
 
+#include "host/api/same_run.hpp"
 #include "host/run/open_data.hpp"
 #include "host/run/proved_device.hpp"
 #include "host/run/run_cameras.hpp"
@@ -36,7 +37,7 @@ struct ReportOptions {
   std::vector<std::string> runs;
   std::string out, data, device;
   int views = 3;
-  bool json = false, no_viewer = false, overwrite = false;
+  bool allow_outside = false, json = false, no_viewer = false, overwrite = false;
 };
 
 // RunModel is the model of a run. A model file states the offset of its coordinates. For a model from a
@@ -73,7 +74,7 @@ RunModel open_run_model(RunRecord& run) {
   RunModel out;
   out.data = run.text({"data"});
   out.data_from_run = run.text({"data_from_run"});
-  if (const auto print = run.number({"data_print"})) out.data_print = static_cast<std::uint32_t>(*print);
+  out.data_print = run.data_print();
   if (std::optional<Checkpoint> checkpoint = later_checkpoint(run)) {
     run.settings.background = learnt_background(checkpoint->settings.background, checkpoint->state.sky);
     scale_lengths(checkpoint->state.model, checkpoint->settings.unit);
@@ -96,18 +97,16 @@ RunModel open_run_model(RunRecord& run) {
 
 struct Views {
   Split split;
-  std::string data;  // path of the data
-  // True if cameras, names and images of the training views are those of the run, as far as the run states
-  // them.
-  bool same = true;
+  std::string data;   // path of the data
+  bool same = false;  // cameras, names and images of the training views are those of the run
 };
 
 Views open_views(const RunModel& model, const fs::path& data, TrainSettings settings) {
   // Only a few of the images are needed, so they are decoded on demand.
   settings.image_cache_mb = 1;
   Dataset set = open_dataset(data, {"test", "train"}, settings, Images::load);
-  const Split *train = set.find("train"), *test = set.find("test");
-  const bool same = !model.data_print || (train && fingerprint(*train) == *model.data_print);
+  const Split* test = set.find("test");
+  const bool same = model.data_print && has_fingerprint(set, *model.data_print);
   Split split = take_split(set, test && !test->views.empty() ? "test" : "train");
   const std::array<double, 3> offset = model.offset.value_or(set.offset);
   if (offset != set.offset) rebase(split.views, set.offset, offset);
@@ -117,14 +116,29 @@ Views open_views(const RunModel& model, const fs::path& data, TrainSettings sett
 }
 
 // Finds the views. If the data that the run names cannot be read or have been replaced by others, this is
-// only a remark. If data that the user named cannot be read, this is an error.
+// only a remark. If data that the user named cannot be read, this is an error. The run may come from anyone
+// and name any folder, and the page may be passed on. Therefore the page shows images of a folder that the
+// user has not named only if it contains the data of the run, and does not quote errors of its files.
 std::optional<Views> find_views(RunRecord& run, const RunModel& model, const ReportOptions& options) {
   constexpr const char* kOthers =
       "{} is not the data that the run was trained on: cameras, names or images differ{}";
+  TrainSettings settings = run.settings;
+  settings.allow_outside = options.allow_outside;
   if (!options.data.empty()) {
-    Views views = open_views(model, options.data, run.settings);
-    if (!views.same) run.remarks.push_back(fmt::format(kOthers, options.data, ""));
+    Views views = open_views(model, options.data, settings);
+    if (!model.data_print)
+      run.remarks.push_back(
+          fmt::format("the run has no fingerprint of its data, so {} may contain other data", views.data));
+    else if (!views.same)
+      run.remarks.push_back(fmt::format(kOthers, options.data, ""));
     return views;
+  }
+  if (!model.data.empty() && !model.data_print) {
+    run.remarks.push_back(fmt::format(
+        "the run has no fingerprint of its data, so {} may contain other data and is not used (pass --data "
+        "DIR to use it)",
+        model.data));
+    return {};
   }
   std::string why =
       model.data.empty()
@@ -133,16 +147,14 @@ std::optional<Views> find_views(RunRecord& run, const RunModel& model, const Rep
   for (const fs::path& place : data_places(model.data, model.data_from_run, run.folder)) {
     if (!path_exists(place)) continue;
     try {
-      Views views = open_views(model, place, run.settings);
-      if (!model.data_print)
-        run.remarks.push_back(
-            fmt::format("the run has no fingerprint of its data, so {} may contain other data", views.data));
+      Views views = open_views(model, place, settings);
       if (views.same) return views;
       why = fmt::format(kOthers, views.data, " (pass --data DIR to use it anyway)");
     } catch (const std::exception& exception) {
       const Error error = as_error(exception);
       if (error.kind() != ErrorKind::data) throw;
-      why = fmt::format("the data cannot be used: {}", error.what());
+      warn("{}", error.what());
+      why = fmt::format("the data in {} cannot be used (choose others with --data DIR)", place.string());
     }
   }
   run.remarks.push_back(why);
@@ -304,7 +316,7 @@ std::vector<ReportRun> open_runs(ReportOptions& options, ReportViewer& viewer) {
   std::vector<std::string> names;  // names of the shown views, which the first run with views determines
   for (const std::string& folder : options.runs) {
     ReportRun run;
-    run.record = read_run(folder);
+    run.record = read_run(folder, options.allow_outside);
     RunModel model = open_run_model(run.record);
     run.model = model.model;
     if (run.model && run.model->count() > 0) remark_on_splats(run.record, *run.model);
@@ -383,6 +395,9 @@ Command add_report(CLI::App& root) {
       ->check(from_to(1, 1000))
       ->type_name("N");
   app->add_flag("--no-viewer", options->no_viewer, "omit the interactive model at the top of the page");
+  app->add_flag("--allow-outside", options->allow_outside,
+                "allow links, absolute paths and .. in the runs and their data to refer to files outside of "
+                "their folders");
   add_device_option(*app, options->device);
   add_overwrite_option(*app, options->overwrite);
   app->add_flag("--json", options->json, "print the numbers of the page as JSON");

@@ -107,6 +107,12 @@ Start start_of(const StartOptions& options, const SettingsOptions& given, bool h
   settings.budget = checkpoint.settings.budget;
   validate(settings);
   check_same_settings(checkpoint.settings, settings);
+  for (const auto& [key, value] : checkpoint.unused_settings)
+    if (holds && !settings.chosen.contains(key))
+      remark(
+          "ubs: the run was started with {0} = {1}, which is not used, because only the command line can "
+          "set it: pass --set {0}={1} to use it again\n",
+          key, shell_word(value));
   if (more_seconds) {
     checkpoint.budget.seconds = checkpoint.state.seconds + *more_seconds;
     if (checkpoint.is_finished()) checkpoint.budget.most_iterations += checkpoint.state.iteration;

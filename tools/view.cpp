@@ -63,7 +63,7 @@ int run(ViewOptions& options) {
   serve::Server server(options.address);
   const LoadedModel loaded = options.load();
   RunData run;
-  if (!options.data.empty()) run = use_run_data(options.model, options.data);
+  if (!options.data.empty()) run = use_run_data(options.model, options.data, options.settings.resolve());
   const TrainSettings settings = drawing_settings(options.settings, loaded, options.model, run);
   FrameHints hints = frame_hints(loaded);
   if (!options.up.empty()) hints.up = parse_vector("--up", options.up);

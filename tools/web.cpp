@@ -99,7 +99,7 @@ int run(WebOptions& options) {
   const LoadedModel loaded = options.load();
   if (loaded.model.count() == 0) fail(ErrorKind::data, "{}: no splats to show", options.model);
   RunData run;
-  if (!options.data.empty()) run = use_run_data(options.model, options.data);
+  if (!options.data.empty()) run = use_run_data(options.model, options.data, options.settings.resolve());
   const TrainSettings settings = drawing_settings(options.settings, loaded, options.model, run);
   if (!settings.background.harmonics.empty()) remark("ubs: the page shows the mean colour of the sky\n");
   const Split split = page_views(options, loaded, settings, run.opened, frame_hints(loaded));

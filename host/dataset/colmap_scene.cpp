@@ -71,10 +71,10 @@ LoadedScene load_colmap(const fs::path& folder, const DatasetOptions& options) {
                                                                  : "images";
   const fs::path base = folder / image_folder;
   const bool have_folder = is_folder(base);
-  const bool stated_folder = options.read.images != "auto";  // named by the user
+  const bool stated_folder = options.read.images != "auto";
   if (options.load_images && !have_folder && stated_folder)
     fail(ErrorKind::data, "{}: the image folder '{}' does not exist", folder.string(), image_folder);
-  if (stated_folder) root.add(base);
+  if (stated_folder && options.images_from_user) root.add(base);
 
   std::vector<StatedName> names;
   for (const ColmapImage& image : model.images)

@@ -28,7 +28,7 @@ bool DataRoot::leads_outside(const fs::path& path) const {
 const fs::path& DataRoot::check(const fs::path& path, const std::string& where) const {
   if (!leads_outside(path)) return path;
   fail(ErrorKind::data,
-       "{}{}{}: is {}, which is outside of the data folder {}: pass --allow-outside to read it anyway", where,
+       "{}{}{}: is {}, which is outside of the folder {}: pass --allow-outside to read it anyway", where,
        where.empty() ? "" : ": ", path.string(), resolved_path(path).string(), roots_.front().string());
 }
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // DataRoot checks which files may be read when a data set is loaded. The files of a data set contain the
 // names of other files, and symbolic links may lead to any place. Files outside of the folder that the user
-// passed are read only if the user allows it.
+// passed are read only if the user allows it. The files of the folder of a run are checked in the same way.
 #pragma once
 
 #include <filesystem>

@@ -308,7 +308,7 @@ LoadedScene load_llff(const fs::path& folder, const DatasetOptions& options) {
     scene = load_dynamic(folder, folders, false, rows, root, options);
   } else {
     refuse_unused(options, "LLFF", "--images --test-every");
-    if (options.read.images != "auto") root.add(images);  // the user passed this folder
+    if (options.read.images != "auto" && options.images_from_user) root.add(images);
     scene = load_static(folder, images, rows, root, files, options);
   }
   for (const Split& split : scene.splits)

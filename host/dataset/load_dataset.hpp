@@ -20,6 +20,9 @@ namespace ubs {
 
 struct DatasetOptions {
   ReadSettings read;
+  // Whether the user named the folder read.images, which then may be outside of the data folder. False if a
+  // file of a run named it.
+  bool images_from_user = true;
   std::array<double, 3> background{0, 0, 0};  // colour on which transparent pixels are composited
   bool load_images = true;                    // if false, views have cameras, but no images
   std::vector<std::string> image_splits;      // splits whose images are needed; empty for all splits

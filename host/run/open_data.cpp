@@ -11,7 +11,9 @@ namespace ubs {
 namespace {
 
 DatasetOptions reading_options(const TrainSettings& settings) {
-  return {.read = settings, .background = settings.background.colour};
+  return {.read = settings,
+          .images_from_user = settings.chosen.contains("images"),
+          .background = settings.background.colour};
 }
 
 // Refuses settings that the user has set for a packed file, but that only other data use. The same settings

@@ -47,6 +47,11 @@ void check_same_run(const Checkpoint& before, const Checkpoint& now, bool any_de
         "uninterrupted run");
 }
 
+bool has_fingerprint(const Dataset& data, std::uint32_t print) {
+  const Split* const train = data.find("train");
+  return train && !train->views.empty() && fingerprint(*train) == print;
+}
+
 int join_run(Communicator& ranks, Checkpoint& run) {
   if (ranks.size() == 1) return 1;
   TrainSettings settings = run.settings;

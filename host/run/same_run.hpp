@@ -7,6 +7,7 @@
 
 #include "host/cluster/communicator.hpp"
 #include "host/device/device.hpp"
+#include "host/data/load_dataset.hpp"
 #include "host/train/checkpoint.hpp"
 
 namespace ubs {
@@ -29,5 +30,10 @@ void check_same_run(const Checkpoint& before, const Checkpoint& now, bool any_de
 // build, other data or other settings. Stores the devices of all ranks in `run`, and returns the number of
 // different devices. Logs a warning if there are several.
 int join_run(Communicator& ranks, Checkpoint& run);
+
+// Returns whether the training views of the data set have this fingerprint. The name of a data set in a file
+// of a run may lead anywhere, so data are only used if they have the fingerprint in the file, or if the user
+// names them.
+bool has_fingerprint(const Dataset& data, std::uint32_t print);
 
 }  // namespace ubs

@@ -50,6 +50,7 @@ enum FieldUse : unsigned {
   kOfDrawing = 4,     // changes the renders of a trained model; is stored in model files
   kOfReading = 8,     // determines how data are read
   kSetFirst = 16,     // is shown by --help, which only shows the fields that most users need
+  kOfUser = 32,       // names a place or lifts a guard: files of a run and of a model cannot set it
 };
 
 template <typename Settings>

@@ -287,6 +287,16 @@ std::string set_field(FieldValues fields, std::string_view assignment, std::stri
   return std::string(key);
 }
 
+std::string set_field_from_run(FieldValues fields, std::string_view key, std::string_view text,
+                               std::string_view origin) {
+  const auto field = std::ranges::find_if(fields, [&](const FieldValue& f) { return f.key == key; });
+  const std::string before = field == fields.end() ? "" : field_text(*field);
+  set_field(fields, key, text, origin);
+  std::string in_file = field_text(*field);
+  if (field->uses & kOfUser) assign(*field, before);
+  return in_file;
+}
+
 nlohmann::ordered_json to_json(FieldValues fields) {
   nlohmann::ordered_json json = nlohmann::ordered_json::object();
   for (const FieldValue& field : fields) {

@@ -40,6 +40,12 @@ void set_field(FieldValues fields, std::string_view key, std::string_view text, 
 // Sets a field from a string "key=value", and returns the key.
 std::string set_field(FieldValues fields, std::string_view assignment, std::string_view origin);
 
+// Sets a field to a value from a file of a run (config.yaml, metrics.json, a checkpoint). Such files may come
+// from anyone. Therefore a field with kOfUser keeps its value, although the text is checked in the same way.
+// Returns the value in the file, as field_text() writes it. Throws the same errors as set_field().
+std::string set_field_from_run(FieldValues fields, std::string_view key, std::string_view text,
+                               std::string_view origin);
+
 // Reads a YAML file with a flat mapping of keys to values, sets these fields, and returns the keys. Lists of
 // numbers, such as colours, can be written as [r, g, b] or "r,g,b". An empty file sets nothing. Throws
 // Error(data) if the file cannot be read, is malformed, or contains an unknown key or a value that is not

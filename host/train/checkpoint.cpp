@@ -127,11 +127,15 @@ class Reader {
   std::string name_;
 };
 
-void read_settings(const Json& json, TrainSettings& settings, const std::string& name) {
-  const std::vector<FieldValue> fields = bind_fields(settings, train_fields());
+void read_settings(const Json& json, Checkpoint& c, const std::string& name) {
+  const std::vector<FieldValue> fields = bind_fields(c.settings, train_fields());
   try {
-    for (const auto& [key, value] : json.items()) set_field(fields, key, value.get<std::string>(), name);
-    validate(settings);
+    for (const auto& [key, value] : json.items()) {
+      std::string in_file = set_field_from_run(fields, key, value.get<std::string>(), name);
+      const auto field = std::ranges::find(fields, key, [](const FieldValue& f) { return f.key; });
+      if (field_text(*field) != in_file) c.unused_settings.emplace_back(key, std::move(in_file));
+    }
+    validate(c.settings);
   } catch (const Error& error) {
     fail(ErrorKind::data, "{} (the checkpoint was written by another version of this program)", error.what());
   }
@@ -163,7 +167,7 @@ Sizes read_header(const Json& h, Checkpoint& c, const std::string& name) {
   c.views_by_rank = h.value("views_by_rank", std::vector<std::uint64_t>{});
   c.first_row = h.value("first_row", "");
   if (const Json& budget = h.at("budget"); !budget.is_null()) c.budget = read_budget(budget);
-  read_settings(h.at("settings"), c.settings, name);
+  read_settings(h.at("settings"), c, name);
   return {h.at("values").get<std::uint64_t>(),    h.at("moments").get<std::uint64_t>(),
           h.at("loss_sums").get<std::uint64_t>(), h.value("appearance", std::uint64_t{0}),
           h.value("sky", std::uint64_t{0}),       h.value("cameras", std::uint64_t{0})};

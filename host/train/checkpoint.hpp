@@ -23,6 +23,9 @@ namespace ubs {
 struct Checkpoint {
   TrainState state;
   TrainSettings settings;
+  // Settings in the file that only the user may set (kOfUser) and that are therefore not in `settings`: keys
+  // and values.
+  std::vector<std::pair<std::string, std::string>> unused_settings;
   std::string data;              // absolute path of the data
   std::string data_from_run;     // path of the data relative to the folder of the run; may be empty
   std::uint32_t data_print = 0;  // fingerprint() of the training views

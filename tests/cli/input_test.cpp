@@ -141,7 +141,7 @@ TEST_CASE("cli: files outside of the data folder need --allow-outside") {
       R"({"w": 16, "h": 12, "fl_x": 20, "frames": [{"file_path": "../secret/x.png",
           "transform_matrix": [[1,0,0,0],[0,1,0,0],[0,0,1,4],[0,0,0,1]]}]})");
   put_model(folder / "m.ply");
-  const std::string outside = "outside of the data folder";
+  const std::string outside = "outside of the folder";
   check_error(folder, fmt::format("train --data data --out run {}", kTiny), 3, outside);
   check_error(folder, "eval --model m.ply --data data --split train", 3, outside);
   check_error(folder, "render m.ply --data data --split train --out images", 3, outside);

@@ -2,6 +2,7 @@
 // Tests `ubs report` as users run it, with short runs on built-in scenes: the data and images of the pages,
 // comparisons of runs, runs with missing files, and invalid arguments. tests/report/report_page_test.py tests
 // the pages in a browser.
+#include <cmath>
 #include <nlohmann/json.hpp>
 #include <opencv2/imgcodecs.hpp>
 #include <sstream>
@@ -171,8 +172,8 @@ TEST_CASE("report: the page of one run contains its data", "[cli]") {
   const TempFolder& folder = trained();
   ubs_ok(folder, "report still --device cpu");
   const Page page = read_page(folder / "still/report.html");
-  CHECK(page.html.ids() == std::set<std::string>{"ubs-viewer", "ubs-options", "ubs-model",
-                                                 "ubs-worker", "ubs-record", "ubs-pictures"});
+  CHECK(page.html.ids() == std::set<std::string>{"ubs-viewer", "ubs-options", "ubs-model", "ubs-worker",
+                                                 "ubs-record", "ubs-pictures"});
   CHECK(page.record["viewer"]["run"] == 0);
   CHECK(page.record["viewer"]["psnr"] >= 50);
   CHECK(counts(page) == std::map<std::string, std::size_t>{{"truth", 3},
@@ -429,6 +430,116 @@ TEST_CASE("report: if a checkpoint is newer than the model, its learnt backgroun
   ubs_ok(folder, "report continued --device cpu --views 1 --no-viewer --overwrite");
   CHECK(contains(get(folder / "stderr.txt"), "model.ply is older: showing the model of the checkpoint"));
   CHECK(brightness(read_page(run / "report.html"), "render") > 750);  // 765 is white
+}
+
+// Replaces the value of a setting in a config.yaml.
+void set_in_config(const fs::path& run, const std::string& key, const std::string& value) {
+  std::string text = get(run / "config.yaml");
+  const std::size_t at = text.find(key + ": ");
+  REQUIRE(at != std::string::npos);
+  put(run / "config.yaml", text.replace(at, text.find('\n', at) - at, key + ": " + value));
+}
+
+// Converts the data set to the layout nerfstudio, with a lens distortion, so that images are undistorted.
+void distort(const fs::path& data) {
+  json all{{"k1", 0.05}, {"w", 32}, {"h", 32}, {"frames", json::array()}};
+  for (const std::string split : {"train", "test"}) {
+    const json part = json::parse(get(data / ("transforms_" + split + ".json")));
+    all["fl_x"] = 16 / std::tan(part["camera_angle_x"].get<double>() / 2);
+    for (const json& frame : part["frames"]) {
+      const std::string file = frame["file_path"].get<std::string>() + ".png";
+      all["frames"].push_back({{"file_path", file}, {"transform_matrix", frame["transform_matrix"]}});
+      all[split + "_filenames"].push_back(file);
+    }
+    fs::remove(data / ("transforms_" + split + ".json"));
+  }
+  put(data / "transforms.json", all.dump());
+}
+
+TEST_CASE("report: the files of a run cannot name places for files, or allow links that lead outside",
+          "[cli]") {
+  const TempFolder folder;
+  test::put_scene(folder / "data", 32, 6, 3);
+  distort(folder / "data");
+  ubs_ok(folder,
+         "train --data data --out run --device cpu --iterations 40 --init-points 150 --cap-max 200 --quiet");
+  const std::string report = "report run --device cpu --no-viewer --views 3 --out r.html --overwrite";
+  ubs_ok(folder, report);
+  REQUIRE(counts(read_page(folder / "r.html"))["truth"] == 3);
+
+  SECTION("a folder for the cache") {
+    const std::string none = "planted/.hidden";
+    set_in_config(folder / "run", "cache_folder", none);
+    ubs_ok(folder, report);
+    CHECK(counts(read_page(folder / "r.html"))["truth"] == 3);
+    ubs_ok(folder, "eval run --device cpu");
+    ubs_ok(folder, "reduce run --device cpu --bound 0.01 --out small.ply --quiet");
+    Checkpoint checkpoint = read_checkpoint(folder / "run/continue.ubs");
+    checkpoint.settings.cache_folder = none;
+    write_checkpoint(folder / "run/checkpoint.ubs", checkpoint);
+    CHECK(contains(ubs_ok(folder, "train --resume run --device cpu --quiet").err,
+                   "cache_folder = planted/.hidden, which is not used"));
+    CHECK_FALSE(fs::exists(folder / "planted"));
+    ubs_ok(folder, "eval run --device cpu --cache-folder cache");  // the user may name a folder
+    CHECK_FALSE(fs::is_empty(folder / "cache"));
+  }
+  SECTION("links in the data") {
+    fs::create_directories(folder / "secret");
+    const fs::path image = fs::directory_iterator(folder / "data/test")->path();
+    fs::rename(image, folder / "secret/image.png");
+    fs::create_symlink(folder / "secret/image.png", image);
+    set_in_config(folder / "run", "allow_outside", "true");
+    fs::remove_all(folder / "run/renders");
+    CHECK(contains(ubs_ok(folder, report).err, "outside of the folder"));
+    CHECK(counts(read_page(folder / "r.html"))["truth"] == 0);
+    CHECK(run_ubs(folder, "eval run --device cpu").code == 3);
+    CHECK(run_ubs(folder, "reduce run --device cpu --out small.ply").code == 3);
+    ubs_ok(folder, report + " --allow-outside");  // the user may allow it
+    CHECK(counts(read_page(folder / "r.html"))["truth"] == 3);
+    ubs_ok(folder, "eval run --device cpu --allow-outside");
+  }
+  SECTION("links in the folder of the run") {
+    fs::create_directories(folder / "secret");
+    for (const char* file : {"metrics.json", "config.yaml", "log.csv", "model.ply", "renders"}) {
+      INFO(file);
+      fs::rename(folder / "run" / file, folder / "secret" / file);
+      fs::create_symlink(folder / "secret" / file, folder / "run" / file);
+      CHECK(run_ubs(folder, report).code == 3);
+      CHECK(contains(get(folder / "stderr.txt"), "--allow-outside"));
+      ubs_ok(folder, report + " --allow-outside");
+      fs::remove(folder / "run" / file);
+      fs::rename(folder / "secret" / file, folder / "run" / file);
+    }
+    const fs::path saved = fs::directory_iterator(folder / "run/renders")->path();
+    fs::rename(saved, folder / "secret/image.png");
+    fs::create_symlink(folder / "secret/image.png", saved);
+    CHECK(run_ubs(folder, report).code == 3);
+  }
+  SECTION("another data set") {
+    json metrics = json::parse(get(folder / "run/metrics.json"));
+    test::put_scene(folder / "secret", 32, 6, 3, "orbit");
+    fs::remove_all(folder / "run/renders");
+    metrics["data"] = (folder / "secret").string();
+    for (const json& print : {json(), json(-1), json(1e300), json("x"), json(4294967296)}) {
+      if (print.is_null())
+        metrics.erase("data_print");
+      else
+        metrics["data_print"] = print;
+      put(folder / "run/metrics.json", metrics.dump());
+      CHECK(contains(ubs_ok(folder, report).err, "no fingerprint of its data"));
+      CHECK(counts(read_page(folder / "r.html"))["truth"] == 0);
+      CHECK(run_ubs(folder, "eval run --device cpu").code == 3);
+      CHECK(contains(get(folder / "stderr.txt"), "no fingerprint of the data"));
+    }
+    ubs_ok(folder, report + " --data secret");
+    CHECK(counts(read_page(folder / "r.html"))["truth"] == 3);
+    // The page does not quote files of a folder that the user has not named.
+    metrics["data_print"] = 5;
+    put(folder / "run/metrics.json", metrics.dump());
+    put(folder / "secret/transforms_train.json", "PRIVATE");
+    CHECK(contains(ubs_ok(folder, report).err, "transforms_train.json"));
+    CHECK_FALSE(contains(get(folder / "r.html"), "transforms_train.json"));
+  }
 }
 
 TEST_CASE("report: invalid arguments are rejected", "[cli]") {

@@ -34,7 +34,7 @@ struct Scene {
   // the text `what`. Also checks that the data are opened with the option.
   void check_outside(const fs::path& opened, const std::string& what) const {
     CHECK_THAT(message_of([&] { load_dataset(opened); }),
-               Contains(what) && Contains("outside of the data folder") && Contains("--allow-outside"));
+               Contains(what) && Contains("outside of the folder") && Contains("--allow-outside"));
     CHECK_NOTHROW(load_dataset(opened, {.read = {.allow_outside = true}}));
   }
 };
@@ -143,6 +143,12 @@ TEST_CASE("outside: images, masks and model files of COLMAP must be in the folde
   fs::create_symlink(scene.folder / "elsewhere", scene.folder / "named/images");
   CHECK_THAT(message_of([&] { load_dataset(scene.folder / "named"); }), Contains("--allow-outside"));
   CHECK_NOTHROW(load_dataset(scene.folder / "named", {.read = {.images = "../elsewhere"}}));
+  // An image folder that a file of a run names must be in the folder, also if it is a link.
+  for (const char* name : {"../elsewhere", "images"})
+    CHECK_THAT(message_of([&] {
+                 load_dataset(scene.folder / "named", {.read = {.images = name}, .images_from_user = false});
+               }),
+               Contains("--allow-outside"));
 }
 
 TEST_CASE("outside: images, frames and poses of LLFF and N3V must be in the folder", "[outside]") {
@@ -154,6 +160,13 @@ TEST_CASE("outside: images, frames and poses of LLFF and N3V must be in the fold
   put_image(scene.data() / "images/a.png", 16, 12);
   fs::create_symlink(scene.folder / "secret/x.png", scene.data() / "images/b.png");
   scene.check_outside(scene.data(), "b.png");
+  put_image(scene.folder / "named/a.png", 16, 12);
+  put_image(scene.folder / "named/b.png", 16, 12);
+  CHECK_NOTHROW(load_dataset(scene.data(), {.read = {.images = "../named"}}));
+  CHECK_THAT(message_of([&] {
+               load_dataset(scene.data(), {.read = {.images = "../named"}, .images_from_user = false});
+             }),
+             Contains("--allow-outside"));
   fs::remove_all(scene.data() / "images");
   put_image(scene.data() / "cam00/0.png", 16, 12);
   fs::create_symlink(scene.folder / "secret", scene.data() / "cam01");

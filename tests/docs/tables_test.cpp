@@ -16,6 +16,8 @@
 #include "host/dataset/load_dataset.hpp"
 #include "host/formats/splat_file.hpp"
 #include "host/scene/model_variant.hpp"
+#include "host/scene/train_settings.hpp"
+#include "host/settings/fields.hpp"
 #include "host/settings/train_settings.hpp"
 #include "tests/support/generated_list.hpp"
 #include "tests/support/variants.hpp"
@@ -126,4 +128,34 @@ TEST_CASE("tables: the exit codes are the same in the header and in the Python p
   CHECK(set_of(found_in(source("python/ubs/_errors.py"), "\n    ([0-9]+): [A-Z]")) == codes);
   codes.insert("0");
   CHECK(set_of(found_in(source("include/ubs/ubs.h"), "UBS_(?:OK|ERROR_[A-Z]+) = ([0-9]+)")) == codes);
+}
+
+TEST_CASE("tables: SECURITY.md has the list of the settings that a file of a run can set", "[docs]") {
+  std::string run, model, user;
+  for (const auto& field : ubs::train_fields()) {
+    std::string& names = field.uses & ubs::kOfUser ? user : run;
+    names += (names.empty() ? "" : ", ") + backticks(field.key);
+    if (!(field.uses & ubs::kOfDrawing)) continue;
+    CHECK_FALSE(field.uses & ubs::kOfUser);
+    model += (model.empty() ? "" : ", ") + backticks(field.key);
+  }
+  check_list("SECURITY.md", "settings by who can set them",
+             table_head({"settings", "can be set by"}) +
+                 table_row({user, "only the command line, `--spec` and the functions of the library"}) +
+                 table_row({run, "also `config.yaml`, `metrics.json` and checkpoints of a run"}) +
+                 table_row({model, "also comments of a model file"}));
+}
+
+TEST_CASE("tables: a file of a run cannot set what only the user can set", "[docs]") {
+  for (const auto& [key, value] :
+       {std::pair{"cache_folder", "x"}, {"allow_outside", "true"}, {"seed", "7"}}) {
+    ubs::TrainSettings settings;
+    const auto fields = ubs::bind_fields(settings, ubs::train_fields());
+    const auto field = std::ranges::find(fields, std::string_view(key), [](const auto& f) { return f.key; });
+    REQUIRE(field != fields.end());
+    const std::string before = ubs::field_text(*field);
+    CHECK(ubs::set_field_from_run(fields, key, value, "file") == value);
+    CHECK(ubs::field_text(*field) == ((field->uses & ubs::kOfUser) ? before : value));
+    CHECK_THROWS_AS(ubs::set_field_from_run(fields, "seeds", "1", "file"), ubs::Error);
+  }
 }

@@ -6,6 +6,7 @@
 #include <utility>
 #include <vector>
 
+#include "host/api/same_run.hpp"
 #include "host/run/open_data.hpp"
 #include "host/base/error.hpp"
 #include "host/base/paths.hpp"
@@ -20,13 +21,23 @@ namespace ubs::tools {
 namespace {
 
 // Returns keys and values of the settings that determine what is read from the data of a run. This excludes
-// settings that may change when a run is resumed, such as cache_folder.
+// settings that may change when a run is resumed.
 std::vector<std::pair<std::string_view, std::string>> reading_of(TrainSettings settings) {
   std::vector<std::pair<std::string_view, std::string>> values;
   for (const FieldValue& field : bind_fields(settings, train_fields()))
     if ((field.uses & kOfReading) && !(field.uses & kFreeOnResume))
       values.emplace_back(field.key, field_text(field));
   return values;
+}
+
+// Sets the settings of a run that only the user may set. If the user has named the same folder of images as
+// the run, it may be outside of the data folder.
+void take_from_user(TrainSettings& settings, TrainSettings given) {
+  const std::vector<FieldValue> from = bind_fields(given, train_fields());
+  const std::vector<FieldValue> to = bind_fields(settings, train_fields());
+  for (std::size_t i = 0; i < to.size(); ++i)
+    if (to[i].uses & kOfUser) set_field(to, to[i].key, field_text(from[i]), "settings");
+  if (given.chosen.contains("images") && given.images == settings.images) settings.chosen.insert("images");
 }
 
 // The user may have passed a data folder instead of a model. Returns a hint that names the run that 'ubs
@@ -90,7 +101,7 @@ void read_as(TrainSettings& settings, const RunData& run) {
   settings.run_cameras = run.settings->run_cameras;
 }
 
-RunData use_run_data(const std::string& model, std::string& data) {
+RunData use_run_data(const std::string& model, std::string& data, const TrainSettings& given) {
   const std::filesystem::path folder = std::filesystem::path(model).parent_path();
   const bool in_run = !model.empty() && path_exists(RunFolder(folder).metrics());
   if (!in_run && !data.empty()) return {};
@@ -99,13 +110,13 @@ RunData use_run_data(const std::string& model, std::string& data) {
     fail(ErrorKind::usage,
          "no data folder given, and {} is not inside a run folder: pass the data folder after the model",
          model);
-  RunRecord run = read_run(folder.empty() ? "." : folder);
-  const auto print = run.number({"data_print"});
+  RunRecord run = read_run(folder.empty() ? "." : folder, given.allow_outside);
+  take_from_user(run.settings, given);
+  const std::optional<std::uint32_t> print = run.data_print();
   RunData result{run.settings, {}};
   const auto trained_on = [&](const std::filesystem::path& place) {
     result.opened = open_undecoded(place, run.settings);
-    const Split* const train = result.opened->data.find("train");
-    return train && fingerprint(*train) == static_cast<std::uint32_t>(*print);
+    return has_fingerprint(result.opened->data, *print);
   };
   if (!data.empty()) {
     try {
@@ -123,12 +134,17 @@ RunData use_run_data(const std::string& model, std::string& data) {
     fail(ErrorKind::data,
          "{}: does not name the data folder of the run: pass the data folder after the model",
          RunFolder(folder).metrics().string());
+  if (!print)
+    fail(ErrorKind::data,
+         "{}: contains no fingerprint of the data, so '{}' may be other data than those of the run: pass the "
+         "data folder after the model",
+         RunFolder(folder).metrics().string(), named);
   std::string why = "does not exist";
   for (const std::filesystem::path& place : data_places(named, run.text({"data_from_run"}), run.folder)) {
     if (!path_exists(place)) continue;
     why = "contains other cameras, names or images than the data that the run was trained on";
     try {
-      if (print && !trained_on(place)) continue;
+      if (!trained_on(place)) continue;
     } catch (const std::exception& exception) {  // not the data of the run, which may be at the next place
       const Error error = as_error(exception);
       if (error.kind() != ErrorKind::data) throw;

@@ -54,8 +54,9 @@ struct RunData {
 // Finds the data that the run of this model was trained on. If `data` is empty, it is set to their path.
 // Otherwise `data` may name the same data or a copy; the result is empty for any other data. If `data` is
 // empty, throws Error(usage) for a model outside of a run folder, and Error(data) if the data are missing or
-// have changed.
-RunData use_run_data(const std::string& model, std::string& data);
+// have changed, or if the run has no fingerprint of its data. `given` are the settings of the user, of which
+// those with kOfUser are used: the files of the run cannot set them.
+RunData use_run_data(const std::string& model, std::string& data, const TrainSettings& given);
 
 // If there is a run, makes `settings` read the data as the run did.
 void read_as(TrainSettings& settings, const RunData& run);

@@ -80,7 +80,7 @@ NamedScene embedded_scene(const AccuracyOptions& options, const std::string& nam
 
 NamedScene file_scene(const AccuracyOptions& options) {
   std::string data = options.data;
-  const RunData run = use_run_data(options.model, data);
+  const RunData run = use_run_data(options.model, data, options.settings.resolve());
   LoadedModel loaded = open_model(options.model);
   const TrainSettings settings = drawing_settings(options.settings, loaded, options.model, run);
   Split split = open_split_for(loaded.offset, data, options.split, settings, Images::load, run.opened);

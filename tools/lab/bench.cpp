@@ -41,7 +41,7 @@ struct BenchOptions {
 
 TrainSettings training_settings(BenchOptions& options) {
   TrainSettings settings;
-  if (!options.model.empty()) options.run = use_run_data(options.model, options.data);
+  if (!options.model.empty()) options.run = use_run_data(options.model, options.data, {});
   read_as(settings, options.run);
   settings.background.colour = {1, 1, 1};
   settings.dim = options.dim;

@@ -232,7 +232,7 @@ Inputs load_inputs(const CompareOptions& options) {
 }
 
 int run(CompareOptions& options) {
-  options.run = use_run_data(options.model, options.data);
+  options.run = use_run_data(options.model, options.data, options.settings.resolve());
   const auto held = take_folder(options.out, {"compare.json", "compare.csv", "compare.md"}, {options.data},
                                 options.overwrite);
   const Inputs in = load_inputs(options);

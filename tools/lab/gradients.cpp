@@ -91,7 +91,7 @@ void check_finite(const SplatModel& gradient, const View& view) {
 
 int run(GradientsOptions& options) {
   files_before_output();
-  const RunData run = use_run_data(options.model, options.data);
+  const RunData run = use_run_data(options.model, options.data, options.settings.resolve());
   check_output_files({options.out}, {options.model, options.target, options.data}, options.overwrite);
   const LoadedModel loaded = options.load();
   const MixedModel& model = loaded.model;

@@ -55,7 +55,7 @@ bench::BenchScene scene_of(const TuneOptions& options, const DeviceInfo& device)
   if (!options.model.empty()) {
     std::string data = options.data;
     TrainSettings reading;
-    const RunData run = use_run_data(options.model, data);
+    const RunData run = use_run_data(options.model, data, {});
     read_as(reading, run);
     bench::BenchScene scene = open_bench_model(options.model, data, reading, run.opened);
     if (scene.mixed.mixed())

@@ -12,6 +12,8 @@
 #include "host/base/file.hpp"
 #include "host/base/json.hpp"
 #include "host/base/paths.hpp"
+#include "host/data/data_root.hpp"
+#include "host/scene/yaml_reader.hpp"
 #include "host/settings/fields.hpp"
 #include "host/settings/yaml_reader.hpp"
 
@@ -63,9 +65,7 @@ void take_setting(RunRecord& run, FieldValues fields, const std::string& key, co
   // equal values have equal texts.
   std::string shown = value;
   try {
-    set_field(fields, key, value, "setting");
-    for (const FieldValue& field : fields)
-      if (field.key == key) shown = field_text(field);
+    shown = set_field_from_run(fields, key, value, "setting");
   } catch (const Error&) {
     unknown.push_back(key);
   }
@@ -137,6 +137,13 @@ std::optional<double> RunRecord::number(const std::vector<std::string>& path) co
   return found->get<double>();
 }
 
+std::optional<std::uint32_t> RunRecord::data_print() const {
+  const Json* found = find({"data_print"});
+  if (!found || !found->is_number_unsigned()) return {};
+  const auto print = found->get<std::uint64_t>();
+  return print <= UINT32_MAX ? std::optional(static_cast<std::uint32_t>(print)) : std::nullopt;
+}
+
 std::string RunRecord::text(const std::vector<std::string>& path) const {
   const Json* found = find(path);
   return found && found->is_string() ? found->get<std::string>() : "";
@@ -185,7 +192,7 @@ std::vector<fs::path> data_places(const std::string& data, const std::string& fr
   return places;
 }
 
-RunRecord read_run(const fs::path& folder) {
+RunRecord read_run(const fs::path& folder, bool allow_outside) {
   if (!path_exists(folder)) fail(ErrorKind::data, "{}: no such folder", folder.string());
   if (!is_folder(folder))
     fail(ErrorKind::data, "{}: not a folder: pass the output folder of 'ubs train'", folder.string());
@@ -197,6 +204,11 @@ RunRecord read_run(const fs::path& folder) {
                    [&](const char* file) { return path_exists(folder / file); }))
     fail(ErrorKind::data, "{}: not an output folder of 'ubs train': it contains none of {}", folder.string(),
          fmt::join(files, ", "));
+  const DataRoot root(folder, allow_outside);
+  for (const char* file : files) root.check(folder / file);
+  for (const char* file : {"config.yaml", "cameras/transforms.json", "renders"}) root.check(folder / file);
+  if (is_folder(run.renders()))
+    for (const fs::path& file : folder_entries(run.renders())) root.check(file);
   read_metrics(run);
   read_settings(run);
   if (run.settings.refine_cameras != RefineCameras::none && path_exists(folder / "cameras"))

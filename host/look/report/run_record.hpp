@@ -4,6 +4,7 @@
 // or if another version of ubs created the folder. `remarks` then lists the missing parts.
 #pragma once
 
+#include <cstdint>
 #include <filesystem>
 #include <optional>
 #include <string>
@@ -19,8 +20,9 @@ struct RunRecord {
   std::filesystem::path folder;
   std::string name;  // name of the folder
   Json metrics;      // metrics.json; null if it is missing
-  // The settings that the run has stored and this version knows. All other settings have their default
-  // values. If the run refined its cameras, run_cameras is the folder that contains them.
+  // The settings that the run has stored and this version knows, except for those that only the user may set
+  // (kOfUser). All other settings have their default values. If the run refined its cameras, run_cameras is
+  // the folder that contains them.
   TrainSettings settings;
   // The settings that the run has stored, as texts. Values of settings that this version knows are written as
   // this version writes them, so that equal values have equal texts. Other values are unchanged.
@@ -36,12 +38,14 @@ struct RunRecord {
   // missing.
   std::optional<double> number(const std::vector<std::string>& path) const;
   std::string text(const std::vector<std::string>& path) const;  // "" if it is missing
+  std::optional<std::uint32_t> data_print() const;               // fingerprint() of the data
   const Json* find(const std::vector<std::string>& path) const;  // null if it is missing
 };
 
 // Reads the folder of a run. Throws Error(data) if `folder` is not a folder, has none of the files of a run,
-// or has an invalid metrics.json or config.yaml.
-RunRecord read_run(const std::filesystem::path& folder);
+// or has an invalid metrics.json or config.yaml. Also throws Error(data) if a file of the run is a link to a
+// place outside of the folder, unless `allow_outside` is true: pages contain what is in these files.
+RunRecord read_run(const std::filesystem::path& folder, bool allow_outside = false);
 
 // Returns the path of a data folder relative to the folder `run`, which runs record in addition to the path
 // that the user passed.
