@@ -22,7 +22,9 @@ struct Answer {
 
 class Client {
  public:
-  explicit Client(const Server& server) : socket_(::socket(AF_INET, SOCK_STREAM, 0)) {
+  explicit Client(const Server& server) : Client(::socket(AF_INET, SOCK_STREAM, 0), server) {}
+  // Takes an unconnected socket. The connection then needs no further descriptor in this process.
+  Client(int socket, const Server& server) : socket_(socket) {
     const std::string& url = server.url();
     sockaddr_in place{};
     place.sin_family = AF_INET;

@@ -3,6 +3,9 @@
 // slow clients and errors must not affect other clients.
 #include "host/look/serve/server.hpp"
 
+#include <fcntl.h>
+#include <sys/resource.h>
+
 #include <catch2/catch.hpp>
 #include <future>
 #include <new>
@@ -194,6 +197,68 @@ TEST_CASE("open connections without requests do not block other clients") {
   for (int i = 0; i < 10; ++i) CHECK(answer_of(server, get("/state" + token)).status == 200);
   CHECK(answer_of(server, get("/state")).status == 403);
   CHECK(answer_of(server, get("/state?token=" + std::string(32, '0'))).status == 403);
+}
+
+TEST_CASE("requests whose bodies are incomplete do not block other clients") {
+  Started server;
+  std::vector<Client> slow;
+  for (int i = 0; i < 40; ++i) {
+    slow.emplace_back(server);
+    slow.back().send(
+        "POST /picture HTTP/1.1\r\nHost: localhost\r\nContent-Type: application/json\r\n"
+        "Content-Length: 4000\r\n\r\n{");
+  }
+  for (int i = 0; i < 5; ++i) CHECK(answer_of(server, get("/state")).status == 200);
+  CHECK(picture(server, request_json().dump()).status == 200);
+  CHECK(server.requests() == 6);  // an incomplete request is not one of a viewer
+}
+
+TEST_CASE("if there are not enough descriptors, idle and ended connections are closed") {
+  Started server;
+  std::vector<int> sockets;
+  for (int i = 0; i < 12; ++i) sockets.push_back(::socket(AF_INET, SOCK_STREAM, 0));
+  const int used = ::open("/dev/null", O_RDONLY | O_CLOEXEC);
+  rlimit before{};
+  REQUIRE(::getrlimit(RLIMIT_NOFILE, &before) == 0);
+  const rlimit few{.rlim_cur = static_cast<rlim_t>(used) + 4, .rlim_max = before.rlim_max};
+  REQUIRE(::setrlimit(RLIMIT_NOFILE, &few) == 0);  // the server can accept at most three connections
+  std::vector<int> answers;
+  {
+    std::vector<Client> idle;
+    for (int i = 0; i < 10; ++i) idle.emplace_back(sockets[static_cast<std::size_t>(i)], server);
+    const Client good(sockets[10], server);
+    good.send(get("/state"));
+    answers.push_back(good.answer().status);
+    // The clients leave, but their descriptors remain in use.
+    for (int i = 0; i < 10; ++i) ::dup2(used, sockets[static_cast<std::size_t>(i)]);
+    const Client next(sockets[11], server);
+    next.send(get("/state"));
+    answers.push_back(next.answer().status);
+  }
+  ::setrlimit(RLIMIT_NOFILE, &before);
+  ::close(used);
+  CHECK(answers == std::vector<int>{200, 200});
+}
+
+TEST_CASE("pages of other origins can link to the page, but neither embed it nor request anything else") {
+  Started server;
+  const auto status = [&](const char* path, const char* site, const char* mode, const char* dest) {
+    return answer_of(server, get(path, fmt::format("Host: localhost\r\nSec-Fetch-Site: {}\r\nSec-Fetch-Mode: "
+                                                   "{}\r\nSec-Fetch-Dest: {}\r\n",
+                                                   site, mode, dest)))
+        .status;
+  };
+  for (const char* site : {"cross-site", "same-site"}) {
+    CHECK(status("/", site, "no-cors", "image") == 403);
+    CHECK(status("/state", site, "no-cors", "image") == 403);
+    CHECK(status("/state", site, "navigate", "document") == 403);
+    CHECK(status("/", site, "navigate", "iframe") == 403);
+  }
+  CHECK(server.requests() == 0);  // such a request is not one of a viewer
+  CHECK(status("/", "cross-site", "navigate", "document") == 200);
+  CHECK(status("/", "none", "navigate", "document") == 200);
+  CHECK(status("/state", "same-origin", "cors", "empty") == 200);
+  CHECK(answer_of(server, get("/")).head.find("\r\nX-Frame-Options: DENY") != std::string::npos);
 }
 
 TEST_CASE("closing does not wait for clients that send nothing, send slowly or do not read") {

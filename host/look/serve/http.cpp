@@ -26,9 +26,11 @@ constexpr double kRequestSeconds = 5, kAnswerSeconds = 20, kDrainSeconds = 1;
 // request, and the time of its answer.
 class LimitedStream final : public httplib::Stream {
  public:
-  explicit LimitedStream(int descriptor) : descriptor_(descriptor) {}
+  LimitedStream(int descriptor, const std::function<void()>& admitted)
+      : descriptor_(descriptor), admitted_(admitted) {}
 
   int descriptor() const { return descriptor_; }
+  void admit() const { admitted_(); }
 
   // Reads until the empty line after the headers. Returns false if this line does not arrive within the
   // limits.
@@ -110,6 +112,7 @@ class LimitedStream final : public httplib::Stream {
   }
 
   int descriptor_;
+  const std::function<void()>& admitted_;
   Stopwatch reading_;
   std::optional<Stopwatch> answering_;
   std::string data_;
@@ -161,6 +164,12 @@ std::optional<Refusal> refusal(const Site& site, const httplib::Request& request
     return Refusal{403, "missing or wrong token: open the complete address that ubs printed"};
   if (request.has_header("Origin") && origin != "http://" + host)
     return Refusal{403, "only the page of this server may send this request"};
+  // Browsers send no header Origin with an image or a frame of another page. A link to this page is allowed.
+  const std::string from = request.get_header_value("Sec-Fetch-Site");
+  const bool follows_link = request.get_header_value("Sec-Fetch-Mode") == "navigate" &&
+                            request.get_header_value("Sec-Fetch-Dest") == "document";
+  if (!from.empty() && from != "same-origin" && from != "none" && !(follows_link && request.path == "/"))
+    return Refusal{403, "only the page of this server may send this request"};
   if (request.method != "GET" && request.method != "POST")
     return Refusal{405, "only GET and POST are supported"};
   // Accept only JSON bodies with a length, because the library might decompress other bodies or split them.
@@ -184,19 +193,25 @@ class Http::Library final : public httplib::Server {
     set_default_headers({{"Cache-Control", "no-store"},
                          {"Referrer-Policy", "no-referrer"},  // the address may contain the token
                          {"X-Content-Type-Options", "nosniff"},
+                         {"X-Frame-Options", "DENY"},
                          {"Cross-Origin-Resource-Policy", "same-origin"}});
     set_pre_routing_handler([this](const httplib::Request& request, httplib::Response& response) {
       const std::optional<Refusal> refused = refusal(site_, request);
       if (refused) set_line(response, refused->status, refused->why);
       return refused ? HandlerResponse::Handled : HandlerResponse::Unhandled;
     });
+    // The library calls handlers after it has read the body. Only then a request is complete, so a client
+    // that sends its body slowly does not keep the place of others.
     Get("/", [this](const httplib::Request&, httplib::Response& response) {
+      this_connection->admit();
       response.set_content(site_.page, "text/html; charset=utf-8");
     });
     Get("/state", [this](const httplib::Request&, httplib::Response& response) {
+      this_connection->admit();
       response.set_content(site_.state(), "application/json");
     });
     Post("/picture", [this](const httplib::Request& request, httplib::Response& response) {
+      this_connection->admit();
       const int socket = this_connection->descriptor();
       HttpReply reply = site_.picture(request.body, [socket] { return peer_gone(socket); });
       if (reply.status != 200) return set_line(response, reply.status, reply.body);
@@ -224,11 +239,10 @@ class Http::Library final : public httplib::Server {
     });
   }
 
-  void answer(LimitedStream& stream, const std::function<void()>& admitted) {
-    call(&Library::process_request, stream, [&](httplib::Request& request) {
+  void answer(LimitedStream& stream) {
+    call(&Library::process_request, stream, [](httplib::Request& request) {
       // Compression would take more time than it saves on loopback and in tunnels.
       request.headers.erase("Accept-Encoding");
-      if (!refusal(site_, request)) admitted();
     });
   }
 
@@ -257,10 +271,10 @@ Http::~Http() = default;
 
 void Http::answer(int socket, const std::function<void()>& admitted) noexcept {
   try {
-    LimitedStream stream(socket);
+    LimitedStream stream(socket, admitted);
     if (!stream.read_head()) return;
     this_connection = &stream;
-    library_->answer(stream, admitted);
+    library_->answer(stream);
     stream.finish();
     // If memory runs out outside of the handlers, the connection ends without an answer.
   } catch (...) {

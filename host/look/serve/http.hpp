@@ -37,8 +37,8 @@ class Http {
   explicit Http(Site site);
   ~Http();
 
-  // Answers one request. Calls `admitted` when all headers have arrived and the request is allowed. Leaves
-  // the socket open. May be called from several threads at once.
+  // Answers one request. Calls `admitted` when the request has arrived completely, with its body, and is
+  // allowed. Leaves the socket open. May be called from several threads at once.
   void answer(int socket, const std::function<void()>& admitted) noexcept;
 
  private:

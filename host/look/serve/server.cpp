@@ -42,6 +42,9 @@ constexpr auto kPeerCheck = 200ms;
 // most 2 to 4 % of one processor.
 constexpr auto kBetweenConnections = 20ms;
 
+// If no client connects, ended connections are closed after this time.
+constexpr int kForgetMilliseconds = 200;
+
 std::string random_token() {
   std::array<unsigned char, 16> bytes{};
   if (getentropy(bytes.data(), bytes.size()) != 0)
@@ -178,14 +181,18 @@ struct Server::Implementation {
 
   void accept() noexcept {
     while (rest()) {
+      forget_done();
       pollfd one{.fd = listener, .events = POLLIN, .revents = 0};
-      ::poll(&one, 1, -1);
-      if (const int socket = ::accept4(listener, nullptr, nullptr, SOCK_CLOEXEC); socket >= 0) take(socket);
+      if (::poll(&one, 1, connections.empty() ? -1 : kForgetMilliseconds) <= 0) continue;
+      const int socket = ::accept4(listener, nullptr, nullptr, SOCK_CLOEXEC);
+      if (socket >= 0)
+        take(socket);
+      else if (errno == EMFILE || errno == ENFILE)  // the process or the system has no more descriptors
+        displace();
     }
   }
 
   void take(int socket) noexcept {
-    forget_done();
     std::list<Connection> one;
     if (connections.size() < kMaxConnections || displace()) try {
         one.emplace_back(socket);
