@@ -20,6 +20,7 @@ using Convert = std::string (*)(std::string_view);
 constexpr std::uint64_t kBytesAValue = 256;
 // The available memory is only checked if parsing needs more than this [bytes].
 constexpr std::uint64_t kSmallJson = 16 << 20;
+constexpr std::size_t kMaxMembers = 1000;  // for limit_members(); files of known programs have less than 50
 
 // JsonBuilder builds the values that Json::sax_parse reads, in time proportional to the length of the text.
 // The builder of the library nlohmann/json is slower: for each new member it searches all members of the
@@ -136,6 +137,12 @@ Json with_encoded_strings(const Json& json) {
 }  // namespace
 
 Json parse_json(std::string_view text, const std::string& name) { return parse(text, name, nullptr); }
+
+void limit_members(const Json& json, const std::string& name) {
+  if (json.is_object() && json.size() > kMaxMembers)
+    fail(ErrorKind::data, "{}: the top level of the JSON has {} members, but at most {} are supported", name,
+         json.size(), kMaxMembers);
+}
 
 std::string json_text(const Json& json, int indent) { return with_encoded_strings(json).dump(indent); }
 

@@ -23,6 +23,12 @@ inline constexpr std::size_t kLargestJson = std::size_t{512} << 20;
 // start with `name`.
 Json parse_json(std::string_view text, const std::string& name);
 
+// Throws Error(data) if the value is an object with more members than the files of any known program have.
+// Looking up a name takes a time proportional to the number of members. A reader that looks up members of the
+// same object again for each of many other values calls this function first, so that its time remains
+// proportional to the length of the file.
+void limit_members(const Json& json, const std::string& name);
+
 // Returns JSON as text for files of ubs. Strings and names of members may contain arbitrary bytes, for
 // example paths, because they are encoded with encode_text() (text.hpp). So no contents of a string cause an
 // exception.

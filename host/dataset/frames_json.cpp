@@ -160,9 +160,9 @@ void refuse_nan(const std::string& text, const std::string& name, const char* li
   } catch (const Error&) {  // the text is also damaged in another way, which the first error describes
     return;
   }
-  if (json.is_object() && json.contains(list) && json[list].is_array())
-    for (std::size_t i = 0; i < json[list].size(); ++i)
-      refuse_marked(json[list][i], "",
+  if (const Json frames = json.is_object() ? json.value(list, Json()) : Json(); frames.is_array())
+    for (std::size_t i = 0; i < frames.size(); ++i)
+      refuse_marked(frames[i], "",
                     fmt::format("{}: {} {}", name, std::string(list, std::strlen(list) - 1), i));
   refuse_marked(json, "", name);
 }
@@ -191,6 +191,7 @@ Json parse_file(const fs::path& path, const char* list, bool may_be_empty) {
     throw;
   }
   if (!json.is_object()) fail(ErrorKind::data, "{}: the top level must be an object", path.string());
+  limit_members(json, path.string());
   if (!json.contains(list)) fail(ErrorKind::data, "{}: field '{}' is missing", path.string(), list);
   if (!json[list].is_array() || (json[list].empty() && !may_be_empty))
     fail(ErrorKind::data, "{}: '{}' must be a non-empty array", path.string(), list);

@@ -9,7 +9,9 @@
 #include <cmath>
 #include <cstdint>
 #include <cstring>
+#include <map>
 #include <optional>
+#include <set>
 
 #include "host/base/byte_reader.hpp"
 #include "host/base/error.hpp"
@@ -104,7 +106,10 @@ GlbFile open_glb(std::span<const std::byte> file, const std::string& name) {
     const auto bytes = in.take(size);
     if (first && kind != kJsonChunk)
       fail(ErrorKind::data, "{}: the file does not start with its JSON chunk", name);
-    if (first) glb.json = parse_json({reinterpret_cast<const char*>(bytes.data()), bytes.size()}, name);
+    if (first) {
+      glb.json = parse_json({reinterpret_cast<const char*>(bytes.data()), bytes.size()}, name);
+      limit_members(glb.json, name);
+    }
     if (kind == kBinChunk && glb.bin.empty()) glb.bin = bytes;
     first = false;
   }
@@ -336,30 +341,56 @@ std::array<double, 3> place_of_node(const Json& node, const std::string& name) {
   return node_numbers<3>(node, "translation", {m[12], m[13], m[14]});
 }
 
-// Returns the sum of the translations of the node that refers to the mesh and of all nodes above it,
-// converted to the axes of PLY files. Returns zero if no node refers to the mesh.
-std::array<double, 3> place_of_mesh(const Json& json, std::size_t mesh, const std::string& name) {
-  std::array<double, 3> place{};
-  if (!json.contains("nodes")) return place;
-  const Json& nodes = json.at("nodes");
-  std::vector<std::size_t> parent(nodes.size(), nodes.size());
-  std::size_t at = nodes.size();
-  for (std::size_t n = 0; n < nodes.size(); ++n) {
-    if (nodes[n].contains("mesh") && nodes[n]["mesh"].get<std::size_t>() == mesh) {
-      if (at < nodes.size())
-        fail(ErrorKind::data, "{}: two nodes refer to mesh {}, but only one is supported", name, mesh);
-      at = n;
+// MeshPlaces finds the translations of all meshes, in time proportional to the number of nodes.
+class MeshPlaces {
+ public:
+  MeshPlaces(const Json& json, const std::string& name) : name_(name) {
+    if (!json.contains("nodes")) return;
+    nodes_ = &json.at("nodes");
+    parents_.assign(nodes_->size(), nodes_->size());
+    places_.resize(nodes_->size());
+    for (std::size_t n = 0; n < nodes_->size(); ++n) {
+      const Json& node = (*nodes_)[n];
+      if (node.contains("mesh")) {
+        const auto mesh = node["mesh"].get<std::size_t>();
+        if (!of_mesh_.emplace(mesh, n).second) repeated_.insert(mesh);
+      }
+      if (node.contains("children"))
+        for (const Json& child : node["children"]) parents_.at(child.get<std::size_t>()) = n;
     }
-    if (nodes[n].contains("children"))
-      for (const Json& child : nodes[n]["children"]) parent.at(child.get<std::size_t>()) = n;
   }
-  for (std::size_t steps = 0; at < nodes.size(); at = parent[at]) {
-    if (++steps > nodes.size()) fail(ErrorKind::data, "{}: the nodes of the scene form a cycle", name);
-    const auto by = place_of_node(nodes[at], name);
-    for (std::size_t k = 0; k < 3; ++k) place[k] += k == 0 ? by[k] : -by[k];
+
+  // Returns the sum of the translations of the node that refers to the mesh and of all nodes above it,
+  // converted to the axes of PLY files. Returns zero if no node refers to the mesh.
+  std::array<double, 3> of(std::size_t mesh) {
+    if (repeated_.contains(mesh))
+      fail(ErrorKind::data, "{}: two nodes refer to mesh {}, but only one is supported", name_, mesh);
+    const auto found = of_mesh_.find(mesh);
+    if (found == of_mesh_.end()) return {};
+    std::vector<std::size_t> path;
+    std::size_t at = found->second;
+    for (; at < parents_.size() && !places_[at]; at = parents_[at]) {
+      path.push_back(at);
+      if (path.size() > parents_.size())
+        fail(ErrorKind::data, "{}: the nodes of the scene form a cycle", name_);
+    }
+    std::array<double, 3> place = at < parents_.size() ? *places_[at] : std::array<double, 3>{};
+    for (; !path.empty(); path.pop_back()) {
+      const auto by = place_of_node((*nodes_)[path.back()], name_);
+      for (std::size_t k = 0; k < 3; ++k) place[k] += k == 0 ? by[k] : -by[k];
+      places_[path.back()] = place;
+    }
+    return place;
   }
-  return place;
-}
+
+ private:
+  const std::string& name_;
+  const Json* nodes_ = nullptr;
+  std::vector<std::size_t> parents_;  // the number of nodes, if there is no parent
+  std::vector<std::optional<std::array<double, 3>>> places_;
+  std::map<std::size_t, std::size_t> of_mesh_;  // node that refers to a mesh
+  std::set<std::size_t> repeated_;              // meshes to which several nodes refer
+};
 
 }  // namespace
 
@@ -416,6 +447,7 @@ ImportedSplats parse_glb(std::span<const std::byte> file, const std::string& nam
   try {
     check_required(glb.json, name);
     const Json& meshes = glb.json.at("meshes");
+    MeshPlaces places(glb.json, name);
     for (std::size_t m = 0; m < meshes.size(); ++m)
       for (const Json& primitive : meshes[m].at("primitives")) {
         if (!primitive.contains("extensions") || !primitive["extensions"].contains(kSplatting)) {
@@ -426,7 +458,7 @@ ImportedSplats parse_glb(std::span<const std::byte> file, const std::string& nam
         check_kernel(extension, name);
         if (const auto space = extension.value("colorSpace", ""); space.starts_with("lin")) linear = space;
         ImportedSplats part = read_primitive(glb, primitive, splats ? splats->count() : 0, name);
-        part.offset = place_of_mesh(glb.json, m, name);
+        part.offset = places.of(m);
         if (splats && splats->offset != part.offset)
           fail(ErrorKind::data, "{}: primitives with different translations are not supported", name);
         if (splats)

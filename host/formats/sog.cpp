@@ -36,6 +36,8 @@ constexpr std::size_t kSplatsAByte = 100;  // maximum plausible number of splats
 // An image may have 1.25 times the required number of pixels plus this number. Larger images are not decoded.
 constexpr std::size_t kSparePixels = 1 << 20;
 constexpr std::size_t kLargestMeta = 1 << 20;  // maximum size of meta.json; its usual size is about 20 KB
+// A lossless WebP image has at most about four bytes per pixel. Its header and metadata may have this size.
+constexpr std::size_t kImageBytesAPixel = 5, kImageMetadata = 1 << 20;
 // Keys of meta.json that are used or known to be irrelevant. A note names all other keys.
 constexpr std::string_view kKnownKeys[] = {"version", "asset",  "count", "antialias", "model",
                                            "means",   "scales", "quats", "sh0",       "shN"};
@@ -202,8 +204,9 @@ std::vector<double> numbers_of(const Json& array, std::size_t least, const std::
   return numbers;
 }
 
-// SogFiles is a function that returns the bytes of a file whose name is in meta.json.
-using SogFiles = std::function<std::vector<std::byte>(const std::string& member)>;
+// SogFiles is a function that returns the bytes of a file whose name is in meta.json. It throws if the file
+// has more than `most_bytes`.
+using SogFiles = std::function<std::vector<std::byte>(const std::string& member, std::size_t most_bytes)>;
 
 // SogBook contains the values that the bytes of a channel stand for. `where` names the codebook in messages.
 struct SogBook {
@@ -229,8 +232,9 @@ struct SogImages {
   }
   Rgba8 get(const char* group, std::size_t file, std::size_t least) const {
     const auto member = meta.at(group).at("files").at(file).get<std::string>();
-    Rgba8 image =
-        decode_webp(files(member), least + least / 4 + kSparePixels, fmt::format("{}: {}", name, member));
+    const std::size_t most_pixels = least + least / 4 + kSparePixels;
+    Rgba8 image = decode_webp(files(member, kImageBytesAPixel * most_pixels + kImageMetadata), most_pixels,
+                              fmt::format("{}: {}", name, member));
     if (image.rgba.size() / 4 < least)
       fail(ErrorKind::data, "{}: {}: the image has {} pixels, but {} are needed", name, member,
            image.rgba.size() / 4, least);
@@ -472,9 +476,9 @@ ImportedSplats read_bundle(std::span<const std::byte> file, const std::string& n
   for (const std::string& member : members)
     if (member == "meta.json" || (member.ends_with("/meta.json") && prefix.empty()))
       prefix = member.substr(0, member.size() - std::string_view("meta.json").size());
-  const auto get = [&](const std::string& member) {
+  const auto get = [&](const std::string& member, std::size_t most_bytes) {
     std::erase(members, prefix + member);
-    return zip.get(prefix + member);
+    return zip.get(prefix + member, most_bytes);
   };
   std::erase(members, prefix + "meta.json");
   const std::vector<std::byte> text = zip.get(prefix + "meta.json", kLargestMeta);
@@ -506,8 +510,14 @@ ImportedSplats load_sog(const std::filesystem::path& path) {
   std::size_t all = 0;
   for (const std::filesystem::path& entry : folder_entries(folder_of(path)))
     if (is_regular(entry)) all += std::filesystem::file_size(entry);
-  return read_meta([&](const std::string& member) { return read_file(file_beside(path, member)); }, meta, all,
-                   name);
+  const auto get = [&](const std::string& member, std::size_t most_bytes) {
+    const std::filesystem::path file = file_beside(path, member);
+    if (const auto size = is_regular(file) ? std::filesystem::file_size(file) : 0; size > most_bytes)
+      fail(ErrorKind::data, "{}: {} bytes are too many: at most {} are expected", file.string(), size,
+           most_bytes);
+    return read_file(file);
+  };
+  return read_meta(get, meta, all, name);
 }
 
 ImportedSplats parse_sog(std::span<const std::byte> file, const std::string& name) {

@@ -8,6 +8,7 @@
 #include <compare>
 #include <map>
 #include <optional>
+#include <set>
 
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
@@ -74,6 +75,9 @@ ImportedSplats read_streamed_sog(const std::filesystem::path& path) {
   try {
     const Json meta = parse_json(read_text_file(path), name);
     const auto names = meta.at("filenames").get<std::vector<std::string>>();
+    // The memory would otherwise depend on how often a file is listed, and not on its size.
+    if (std::set<std::string>(names.begin(), names.end()).size() < names.size())
+      fail(ErrorKind::data, "{}: 'filenames' lists a file twice", name);
     LodRanges all;
     collect_ranges(meta.at("tree"), all, name);
     if (all.empty()) fail(ErrorKind::data, "{}: the tree has no level of detail", name);

@@ -32,7 +32,7 @@ class ZipReader {
   ZipReader(std::span<const std::byte> file, std::string name);
   // Returns the contents of a member. Throws Error(data) if there is no such member, or if it has more bytes
   // than `most_bytes`.
-  std::vector<std::byte> get(const std::string& member, std::size_t most_bytes = UINT32_MAX) const;
+  std::vector<std::byte> get(const std::string& member, std::size_t most_bytes) const;
   std::vector<std::string> names() const;
 
   struct Member {

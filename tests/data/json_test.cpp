@@ -79,6 +79,15 @@ TEST_CASE("json: arrays and objects with a million values are read", "[json]") {
   CHECK(json_text(object) == members + "\"end\":-1}");
 }
 
+TEST_CASE("json: a list of frames with many other members at the top level is rejected", "[json]") {
+  const TempFolder folder;
+  std::string members;
+  for (int i = 0; i < 1000; ++i) members += fmt::format("\"k{}\":{},", i, i);
+  put(folder / "a.json", "{" + members + "\"frames\":[{}]}");
+  CHECK_THAT(message_of([&] { frames::parse_file(folder / "a.json"); }),
+             Contains("a.json: the top level of the JSON has 1001 members, but at most 1000 are supported"));
+}
+
 // Json::parse() of the JSON library needs a time that is quadratic in the number of members, and does not
 // limit depth, size and memory.
 TEST_CASE("json: no source file uses the library's own parser, which has no limits", "[json]") {

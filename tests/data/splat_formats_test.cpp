@@ -788,3 +788,65 @@ TEST_CASE("formats: real third-party files are read", "[formats][data]") {
   for (std::size_t a = 0; a < 3; ++a) CHECK(std::abs(mean_a[a] - mean_b[a]) < 1e-4);
   CHECK(relative_difference(sum_a, sum_b) < 0.02);  // a wrong axis or sign gives 0.3 or more
 }
+
+TEST_CASE("formats: images of SOG that are larger than their splats need are rejected before they are read",
+          "[formats]") {
+  const TempFolder folder;
+  write_sog(folder / "a.sog", random_splats(100, 1));
+  const std::string file = get(folder / "a.sog");
+  const ZipReader whole(std::as_bytes(std::span(file)), "a.sog");
+  ZipWriter archive;
+  std::filesystem::create_directories(folder / "plain");
+  for (const std::string& member : whole.names()) {
+    std::vector<std::byte> bytes = whole.get(member, SIZE_MAX);
+    if (member != "meta.json") bytes.resize(8'000'000);  // these would be hundreds of MB in a compressed file
+    archive.add(member, bytes);
+    write_file_atomically(folder / "plain" / member, bytes);
+  }
+  write_file_atomically(folder / "b.sog", archive.finish());
+  for (const char* name : {"b.sog", "plain/meta.json"})
+    CHECK_THAT(message_of([&] { read_foreign_splats(folder / name); }),
+               Contains("webp: 8000000 bytes are too many: at most "));
+}
+
+TEST_CASE("formats: streamed SOG lists every file once", "[formats]") {
+  const TempFolder folder;
+  write_sog(folder / "a.sog", random_splats(100, 1));
+  const auto message = [&](const char* names) {
+    put(folder / "lod-meta.json", fmt::format(R"({{"filenames": {}, "tree": {{"lods": {{"0":
+        {{"file": 0, "offset": 0, "count": 100}}}}}}}})",
+                                              names));
+    return message_of([&] { read_foreign_splats(folder / "lod-meta.json"); });
+  };
+  CHECK(message(R"(["a.sog"])").empty());
+  CHECK_THAT(message(R"(["a.sog", "a.sog"])"), Contains("lists a file twice"));
+}
+
+// With an earlier version, whose time was the product of the numbers of nodes and primitives, this took many
+// minutes.
+TEST_CASE("formats: glTF files with many nodes and primitives are read in linear time", "[formats]") {
+  constexpr std::size_t kMany = 60'000;
+  const TempFolder folder;
+  write_glb(folder / "a.glb", random_splats(10, 0));
+  const std::string glb = get(folder / "a.glb");
+  std::uint32_t words = 0;
+  std::memcpy(&words, &glb[12], sizeof words);
+  const auto with_json = [&](const Json& json) {
+    const std::string text = json.dump();
+    const auto size = static_cast<std::uint32_t>(text.size());
+    std::string changed = glb.substr(0, 12) + std::string(8, '\0') + text + glb.substr(20 + words);
+    std::memcpy(&changed[12], &size, sizeof size);
+    std::memcpy(&changed[16], &glb[16], 4);
+    put(folder / "b.glb", changed);
+    return message_of([&] { read_foreign_splats(folder / "b.glb"); });
+  };
+  Json json = parse_json(glb.substr(20, words), "a.glb");
+  for (Json& accessor : json["accessors"]) accessor["count"] = 0;
+  Json::array_t primitives(kMany, json["meshes"][0]["primitives"][0]);
+  json["meshes"][0]["primitives"] = std::move(primitives);
+  for (std::size_t i = 1; i < kMany; ++i) json["nodes"].push_back({{"translation", {0, 0, 0}}});
+  CHECK(with_json(json).empty());
+  json = parse_json(glb.substr(20, words), "a.glb");
+  for (int i = 0; i < 1000; ++i) json[fmt::format("key{}", i)] = i;
+  CHECK_THAT(with_json(json), Contains("at most 1000 are supported"));
+}

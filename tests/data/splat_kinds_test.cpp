@@ -21,6 +21,8 @@ using nlohmann::ordered_json;
 
 namespace {
 
+constexpr std::size_t kWholeMember = SIZE_MAX;  // our own archives need no limit
+
 // Describes how a 3DGS PLY file differs from the standard one.
 struct PlyKind {
   std::vector<std::string> header_lines = {};  // additional lines after the format line
@@ -123,7 +125,8 @@ std::vector<std::pair<std::string, std::string>> members_of(const std::filesyste
   const std::string file = get(path);
   const ZipReader zip(std::as_bytes(std::span(file)), "test");
   std::vector<std::pair<std::string, std::string>> members;
-  for (const std::string& name : zip.names()) members.emplace_back(name, text_of(zip.get(name)));
+  for (const std::string& name : zip.names())
+    members.emplace_back(name, text_of(zip.get(name, kWholeMember)));
   return members;
 }
 

@@ -31,6 +31,8 @@
 namespace ubs::fuzz {
 namespace {
 
+constexpr std::size_t kWholeMember = SIZE_MAX;  // our own archives need no limit
+
 ImportedSplats few_splats(int degree) {
   ImportedSplats s;
   s.sh_degree = degree;
@@ -187,7 +189,7 @@ std::vector<std::string> seed_sog() {
     std::string members(1, '\1');
     for (const char* name : kSogMembers) {
       if (degree == 0 && std::string_view(name).starts_with("shN")) continue;
-      const auto bytes = zip.get(name);
+      const auto bytes = zip.get(name, kWholeMember);
       members += block({reinterpret_cast<const char*>(bytes.data()), bytes.size()});
     }
     seeds.push_back(members);
@@ -205,7 +207,7 @@ void run_streamed_sog(Data d) {
     const std::string file = get(folder() / "s.sog");
     const ZipReader zip(std::as_bytes(std::span(file)), "seed");
     std::vector<std::pair<std::string, std::vector<std::byte>>> all;
-    for (const std::string& name : zip.names()) all.emplace_back(name, zip.get(name));
+    for (const std::string& name : zip.names()) all.emplace_back(name, zip.get(name, kWholeMember));
     return all;
   }();
   fs::create_directories(folder() / "part");
@@ -218,7 +220,7 @@ void run_streamed_sog(Data d) {
 std::vector<std::string> seed_streamed_sog() {
   write_sog(folder() / "s.sog", few_splats(1));
   const std::string file = get(folder() / "s.sog");
-  const auto meta = ZipReader(std::as_bytes(std::span(file)), "seed").get("meta.json");
+  const auto meta = ZipReader(std::as_bytes(std::span(file)), "seed").get("meta.json", kWholeMember);
   return {std::string(1, '\0') +
               R"({"lodLevels": 2, "filenames": ["part/meta.json"], "environment": "part/meta.json",
               "tree": {"children": [{"lods": {"0": {"file": 0, "offset": 0, "count": 2}}},

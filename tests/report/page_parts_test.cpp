@@ -175,3 +175,13 @@ TEST_CASE("page image: images of errors, depths and alpha, and the PSNR, have th
   CHECK(psnr_channel_mean(Image8{1, 1, {10, 10, 10}}, Image8{1, 1, {11, 8, 14}}) == Approx(expected));
   CHECK(std::isinf(psnr_channel_mean(flat(3), flat(3))));
 }
+
+// With an earlier version, whose time was quadratic in the number of settings, this took many minutes.
+TEST_CASE("report page: a run with very many unknown settings gives a page", "[report]") {
+  constexpr std::size_t kMany = 300'000;
+  ReportRun run;
+  for (std::size_t i = 0; i < kMany; ++i)
+    run.record.setting_texts.emplace_back(fmt::format("unknown{}", i), "1");
+  const ReportPage page = make_report({run}, "ubs", {});
+  CHECK(page.record["runs"][0]["settings"].size() == kMany);
+}

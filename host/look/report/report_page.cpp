@@ -40,8 +40,10 @@ class PictureList {
 };
 
 Json run_json(const ReportRun& run) {
+  // Inserting with operator[] would search all keys, which come from the run. They are all different.
   Json settings = Json::object();
-  for (const auto& [key, value] : run.record.setting_texts) settings[key] = value;
+  auto& members = settings.get_ref<Json::object_t&>();
+  for (const auto& [key, value] : run.record.setting_texts) members.emplace_back(key, value);
   return {{"name", run.record.name},       {"folder", run.record.folder.string()},
           {"remarks", run.record.remarks}, {"metrics", run.record.metrics},
           {"settings", settings},          {"log", run.record.log},
