@@ -107,27 +107,45 @@ bool png_info(std::ifstream& stream, const std::string& name, ImageInfo& info) {
   return true;
 }
 
-// UnreadFormat describes a common image format that ubs cannot decode. It is recognised by `bytes`, which are
+// ImageFormat describes a common image format that ubs cannot decode. It is recognised by `bytes`, which are
 // at the offset `at` of the file.
-struct UnreadFormat {
+struct ImageFormat {
   std::size_t at;
   std::string_view bytes;
   const char* name;
 };
-constexpr UnreadFormat kUnread[] = {
+constexpr ImageFormat kUnread[] = {
     {4, "ftypavif", "AVIF"},    {4, "ftypavis", "AVIF"},      {4, "ftypheic", "HEIC"},
     {4, "ftypheix", "HEIC"},    {4, "ftypmif1", "HEIF"},      {4, "ftypmsf1", "HEIF"},
     {4, "ftyphevc", "HEIC"},    {0, "GIF8", "GIF"},           {4, "JXL ", "JPEG XL"},
     {0, "\xff\x0a", "JPEG XL"}, {4, "ftypcrx ", "Canon CR3"}, {0, "8BPS", "PSD"},
 };
 
+constexpr ImageFormat kReadFormats[] = {
+    {0, "\x89PNG", "PNG"},
+    {0, "\xff\xd8", "JPEG"},
+    {8, "WEBP", "WebP"},
+    {0, "BM", "BMP"},
+    {0, "\x76\x2f\x31\x01", "EXR"},
+    {0, std::string_view("II*\0", 4), "TIFF"},
+    {0, std::string_view("MM\0*", 4), "TIFF"},
+    {0, std::string_view("II+\0", 4), "TIFF"},
+    {0, std::string_view("MM\0+", 4), "TIFF"},
+};
+
+bool starts_as(std::string_view head, const ImageFormat& format) {
+  return head.size() >= format.at + format.bytes.size() &&
+         head.substr(format.at, format.bytes.size()) == format.bytes;
+}
+
 }  // namespace
 
 void refuse_unread_format(std::string_view head, const std::string& name) {
-  for (const UnreadFormat& format : kUnread)
-    if (head.size() >= format.at + format.bytes.size() &&
-        head.substr(format.at, format.bytes.size()) == format.bytes)
+  for (const ImageFormat& format : kUnread)
+    if (starts_as(head, format))
       fail(ErrorKind::data, "{}: format {} is not supported: convert to JPEG or PNG", name, format.name);
+  if (std::ranges::none_of(kReadFormats, [&](const ImageFormat& format) { return starts_as(head, format); }))
+    fail(ErrorKind::data, "{}: cannot decode: unknown format or damaged file", name);
 }
 
 int replace_tiff_orientation(std::span<unsigned char> file) {

@@ -23,8 +23,10 @@ struct ImageInfo {
 
 ImageInfo image_file_info(const std::filesystem::path& path);
 
-// Throws Error(data) if the first bytes of a file are those of a known format that is not supported, such as
-// AVIF, HEIC or GIF. The message contains the name of the format.
+// Throws Error(data) if the first bytes of a file are not those of a supported format. If they are those of
+// another known format, such as AVIF, HEIC or GIF, the message contains its name. OpenCV would also decode
+// formats that ubs does not support. For some of them, such as Radiance HDR, a header of a few bytes makes it
+// allocate gigabytes.
 void refuse_unread_format(std::string_view head, const std::string& name);
 
 // Returns the orientation of a TIFF file, and sets it to 1 in the bytes of the file. Returns 1 for other

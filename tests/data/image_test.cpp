@@ -132,6 +132,13 @@ TEST_CASE("image: errors contain the path", "[image]") {
   put(folder / "text.png", "this is no image");
   CHECK_THAT(message_of([&] { load_image(folder / "text.png"); }), Contains("text.png: cannot decode"));
   CHECK_THAT(message_of([&] { image_file_size(folder / "text.png"); }), Contains("text.png: cannot decode"));
+  // OpenCV would allocate 12 GB and 3 GB for these headers.
+  for (const char* header : {"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 32000 +X 32000\n",
+                             "P6\n32000 32000\n255\n", "PF\n32000 32000\n-1\n"}) {
+    put(folder / "huge.png", header + std::string(100, 'x'));
+    CHECK_THAT(message_of([&] { load_image(folder / "huge.png"); }), Contains("unknown format"));
+    CHECK_THAT(message_of([&] { image_file_size(folder / "huge.png"); }), Contains("unknown format"));
+  }
   Image8 noise{64, 64, {}};
   const CounterRandom random(1, 0);
   for (std::uint32_t i = 0; i < 3 * 64 * 64; ++i)

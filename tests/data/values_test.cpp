@@ -244,3 +244,15 @@ TEST_CASE("values: invalid values in keyframes are rejected", "[values]") {
              Contains("keyframe 0: 'time'"));
   CHECK_THAT(refusal(R"({"world_to_camera": [[-1,0,0,0],[0,1,0,0],[0,0,1,0]]})"), Contains("determinant -1"));
 }
+
+TEST_CASE("values: cameras have at most 65535 pixels per side and 2^29 in total", "[values]") {
+  const auto message = [](int width, int height) {
+    Camera camera{.fx = 8, .fy = 8, .cx = 4, .cy = 4};
+    camera.width = width, camera.height = height;
+    return message_of([&] { check_camera(camera, "a"); });
+  };
+  CHECK(message(65535, 8192).empty());
+  CHECK(message(8192, 65535).empty());
+  for (const auto& [width, height] : {std::pair{65536, 1}, {1, 65536}, {65535, 8193}, {32768, 16385}, {0, 8}})
+    CHECK_FALSE(message(width, height).empty());
+}

@@ -2,6 +2,7 @@
 // Tests the documents. Every section of docs/method.md that a comment or a page cites, every file that a link
 // refers to, and every file that a comment or a page mentions must exist. Every result must be mentioned, and
 // the README must contain the most important information.
+#include <algorithm>
 #include <catch2/catch.hpp>
 #include <filesystem>
 #include <regex>
@@ -140,4 +141,37 @@ TEST_CASE("documents: the README names authors, devices, a test PSNR and the tut
     CHECK(text.find(part) != std::string::npos);
   }
   CHECK(ubs::read_text_file(kSource / "docs/tutorial.md").find(".jpg") != std::string::npos);
+}
+
+TEST_CASE("documents: every promise of SECURITY.md names a test", "[docs]") {
+  const std::string page = ubs::read_text_file(kSource / "SECURITY.md");
+  const std::size_t end = page.find("## Files and places that are trusted");
+  REQUIRE(end != std::string::npos);
+  std::size_t promises = 0;
+  for (std::size_t at = 0; (at = page.find("\n* **", at)) < end; ++at) {
+    const std::string promise =
+        page.substr(at + 1, std::min(page.find("\n* ", at + 1), page.find("\n\n", at + 1)) - at - 1);
+    INFO(promise);
+    const std::vector<std::string> tests =
+        matches(promise, std::regex("`(tests/[a-z_]+/[a-z_]+\\.(cpp|py))`"), 1);
+    CHECK_FALSE(tests.empty());
+    for (const std::string& test : tests) CHECK(fs::exists(kSource / test));
+    ++promises;
+  }
+  CHECK(promises > 15);
+}
+
+// SECURITY.md promises that no file can name a program to run. Therefore only few places start programs:
+// COLMAP, the converters of OpenUSD, and xdg-open.
+TEST_CASE("documents: only the known places start programs", "[docs]") {
+  const std::regex starts(
+      "\\b(fork|vfork|execv|execve|execvp|execl|execlp|popen|system|posix_spawn|posix_spawnp|"
+      "run_child)\\(");
+  std::set<std::string> found;
+  for (const fs::path& path : files_below({"host", "tools", "cuda_backend"}, {".cpp", ".hpp"})) {
+    const std::string text = std::regex_replace(ubs::read_text_file(path), std::regex("//[^\n]*"), "");
+    if (std::regex_search(text, starts)) found.insert(path.lexically_relative(kSource).string());
+  }
+  CHECK(found == std::set<std::string>{"host/base/child_process.cpp", "host/base/child_process.hpp",
+                                       "host/data/usdc.cpp", "tools/cameras.cpp", "tools/view.cpp"});
 }
