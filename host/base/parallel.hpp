@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // parallel_for() calls function(0) to function(count - 1) on all cores. Each call must write only its own
 // results, so that the outcome does not depend on the number of threads. If several calls throw an exception,
-// the exception of the call with the lowest index is thrown again.
+// the exception of the call with the lowest index is thrown again. If the calling thread is asked to stop, the
+// remaining calls are skipped, and Stopped is thrown (stop_request.hpp).
 #pragma once
 
 #include <algorithm>
@@ -11,15 +12,19 @@
 #include <thread>
 #include <vector>
 
+#include "host/base/stop_request.hpp"
+
 namespace ubs {
 
 template <typename Function>
 void parallel_for(std::size_t count, const Function& function) {
   std::atomic<std::size_t> next{0};
   std::vector<std::exception_ptr> errors(count);
-  const auto work = [&] {
+  const auto work = [&, flag = stop_flag] {
+    stop_flag = flag;
     for (std::size_t i = next++; i < count; i = next++) {
       try {
+        check_stop();
         function(i);
       } catch (...) {
         errors[i] = std::current_exception();

@@ -5,6 +5,7 @@
 #include <string>
 #include <string_view>
 
+#include "host/base/stop_request.hpp"
 #include "host/capi/handles.hpp"
 #include "host/base/version.hpp"
 #include "host/base/warning.hpp"
@@ -62,3 +63,5 @@ void ubs_set_log(ubs_log_function function, void* user) {
     });
   });
 }
+
+void ubs_set_stop_flag(int32_t* flag) { ubs::stop_flag = flag; }

@@ -2,18 +2,12 @@
 // This file implements the C interface for comparing images.
 #include <cstdlib>
 #include <limits>
-#include <optional>
 #include <sstream>
 
-#include "host/model/image_comparison.hpp"
 #include "host/capi/metrics.hpp"
+#include "host/model/image_comparison.hpp"
 #include "host/run/proved_device.hpp"
 #include "host/pipeline/network.hpp"
-
-struct ubs_meter {
-  std::shared_ptr<ubs::facade::OpenDevice> open;
-  std::optional<ubs::ImageComparison> comparison;
-};
 
 namespace ubs::facade {
 namespace {

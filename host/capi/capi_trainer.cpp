@@ -17,6 +17,7 @@ struct ubs_trainer {
   std::shared_ptr<ubs::facade::OpenDevice> open;
   std::unique_ptr<ubs::TrainingRun> run;
   ubs::Checkpoint identity;  // identifies the run; without the training state
+  std::optional<ubs::StepReport> last;  // of the current iteration, if this trainer has run it
   bool running = false;
 
   ubs::Trainer& trainer() { return run->trainer(); }
@@ -107,19 +108,30 @@ ubs_step step_of(const ubs_trainer& t, const StepReport& report) {
   return step;
 }
 
-// Throws Error(usage) if the trainer is running, because its step callback may read the trainer but must not
-// change it.
+// Throws Error(usage) if the trainer is running, because its step callback may read and evaluate the trainer,
+// but must not change it.
 void not_while_running(const ubs_trainer& t) {
   if (t.running)
     fail(ErrorKind::usage,
-         "this function cannot be called while the trainer is running: a step callback may read the trainer, "
-         "but not change it");
+         "a step callback cannot run the trainer, restore it or replace its splats: return 0 to end the run "
+         "first, or run it in parts");
 }
 
 void need_whole_state(const ubs_trainer& t, const char* action) {
   if (!t.trainer().state_is_whole())
     fail(ErrorKind::usage, "cannot {}: an error has stopped the trainer in the middle of an iteration",
          action);
+}
+
+// Measures the test views. If `meter` is not null, also measures what it measures.
+Metrics evaluated(ubs_trainer& t, ubs_meter* meter) {
+  if (t.run->test().views.empty()) fail(ErrorKind::data, "the data set has no test views with images");
+  if (!meter) return t.trainer().evaluate_test();
+  if (meter->open != t.open)
+    fail(ErrorKind::usage, "the trainer and the object that compares images have different devices");
+  ImageMetrics& more = meter->comparison->metrics();
+  for (const View& view : t.run->test().views) more.check_size({view.camera.width, view.camera.height});
+  return t.trainer().evaluate_test(&more);
 }
 
 // Sets a flag during its lifetime.
@@ -191,6 +203,7 @@ ubs_status ubs_trainer_run(ubs_trainer* trainer, uint32_t steps, ubs_step_functi
     const std::int64_t last =
         steps == 0 ? std::numeric_limits<std::int64_t>::max() : std::int64_t{t.trainer().iteration()} + steps;
     t.trainer().run([&](const StepReport& report) {
+      t.last = report;
       const ubs_step step = step_of(t, report);
       const bool go_on = !function || function(user, &step) != 0;
       return go_on && report.iteration < last;
@@ -202,7 +215,8 @@ ubs_status ubs_trainer_get_status(const ubs_trainer* trainer, ubs_step* step) {
   return guarded([&] {
     const ubs_trainer& t = given(trainer, "trainer");
     const std::lock_guard lock(t.open->mutex);
-    put(step, step_of(t), "step");
+    const bool is_current = t.last && t.last->iteration == t.trainer().iteration();
+    put(step, is_current ? step_of(t, *t.last) : step_of(t), "step");
   });
 }
 
@@ -245,6 +259,7 @@ ubs_status ubs_trainer_set_model(ubs_trainer* trainer, const ubs_model* model, c
     state.moment2 = moved(state.moment2);
     state.model = std::move(next);
     t.trainer().restore(state);
+    t.last.reset();
   });
 }
 
@@ -252,10 +267,25 @@ ubs_status ubs_trainer_evaluate(ubs_trainer* trainer, ubs_metrics* metrics) {
   return guarded([&] {
     ubs_trainer& t = given(trainer, "trainer");
     const std::lock_guard lock(t.open->mutex);
-    not_while_running(t);
-    const Metrics measured = t.trainer().evaluate_test();
-    if (measured.views.empty()) fail(ErrorKind::data, "the data set has no test views with images");
-    put(metrics, metrics_to(measured.mean), "metrics");
+    put(metrics, metrics_to(evaluated(t, nullptr).mean), "metrics");
+  });
+}
+
+ubs_status ubs_trainer_evaluate_views(ubs_trainer* trainer, ubs_meter* meter, ubs_metrics* mean, size_t count,
+                                      ubs_metrics* views) {
+  return guarded([&] {
+    ubs_trainer& t = given(trainer, "trainer");
+    const std::lock_guard lock(t.open->mutex);
+    if (count != t.run->test().views.size())
+      fail(ErrorKind::usage, "count is {}, but there are {} test views with images", count,
+           t.run->test().views.size());
+    const Metrics measured = evaluated(t, meter);
+    put(mean, metrics_to(measured.mean), "mean");
+    // The struct of the caller may have another size than that of this library.
+    auto* const bytes = reinterpret_cast<char*>(&given(views, "views"));
+    const std::size_t size = views->size;
+    for (std::size_t i = 0; i < count; ++i)
+      put(reinterpret_cast<ubs_metrics*>(bytes + i * size), metrics_to(measured.views[i]), "views");
   });
 }
 
@@ -281,5 +311,6 @@ ubs_status ubs_trainer_restore(ubs_trainer* trainer, const char* path) {
     not_while_running(t);
     check_room(t, checkpoint.state.model.count, fmt::format("{}: the state", path));
     t.trainer().restore(checkpoint.state);
+    t.last.reset();
   });
 }

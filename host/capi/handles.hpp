@@ -11,6 +11,7 @@
 #include <string>
 
 #include "host/base/error.hpp"
+#include "host/base/stop_request.hpp"
 #include "host/dataset/load_dataset.hpp"
 #include "host/formats/splat_file.hpp"
 #include "host/device/device.hpp"
@@ -44,6 +45,9 @@ ubs_status guarded(const Action& action) noexcept {
   } catch (const std::bad_alloc&) {
     remember_error("out of memory: use fewer splats, smaller images or fewer views");
     return UBS_ERROR_MEMORY;
+  } catch (const Stopped& stopped) {
+    remember_error(stopped.what());
+    return UBS_STOPPED;
   } catch (const std::exception& exception) {
     const Error error = as_error(exception);
     remember_error(error.what());

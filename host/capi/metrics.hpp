@@ -1,9 +1,18 @@
 // SPDX-License-Identifier: Apache-2.0
-// metrics_to() converts the metrics of a view to the struct of the C interface.
+// metrics_to() converts the metrics of a view to the struct of the C interface. ubs_meter is the handle of an
+// object that compares images.
 #pragma once
 
+#include "host/api/image_comparison.hpp"
 #include "host/capi/handles.hpp"
+#include <memory>
+#include <optional>
 #include "host/train/evaluate.hpp"
+
+struct ubs_meter {
+  std::shared_ptr<ubs::facade::OpenDevice> open;
+  std::optional<ubs::ImageComparison> comparison;
+};
 
 namespace ubs::facade {
 

@@ -22,6 +22,8 @@ class ImageComparison {
   // Compares two images of shape (height, width, 3). Both are clamped to [0, 1].
   ViewMetrics measure(const std::string& name, int width, int height, std::span<const float> truth,
                       std::span<const float> image);
+  // Returns the metrics of images in device memory, for code that renders and compares images itself.
+  ImageMetrics& metrics() { return more_; }
 
  private:
   ViewMetrics measure(const std::string& name, const ImageShape& shape, std::span<const float> image,

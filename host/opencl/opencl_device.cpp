@@ -6,6 +6,7 @@
 
 #include "host/base/environment.hpp"
 #include "host/base/memory_limit.hpp"
+#include "host/base/stop_request.hpp"
 #include "host/opencl/driver_watch.hpp"
 #include "host/opencl/huge_pages.hpp"
 #include "host/opencl/memory.hpp"
@@ -294,6 +295,7 @@ Kernel OpenclDevice::kernel(const ProgramSpec& spec, const std::string& name) {
 
   ProgramHandle& program = programs_[key];
   if (!program) {
+    check_stop();
     const std::string source = assemble(spec.sources);
     const char* text = source.c_str();
     cl_int code = CL_SUCCESS;

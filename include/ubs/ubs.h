@@ -68,7 +68,8 @@ typedef enum ubs_status {
   UBS_ERROR_BUILD = 5,     /* kernels do not compile on this device */
   UBS_ERROR_MEMORY = 6,    /* the host or the device has not enough memory */
   UBS_ERROR_NUMERICAL = 7, /* a value that is not finite */
-  UBS_ERROR_FAULTY = 10    /* a device that computes wrong results (docs/check.md) */
+  UBS_ERROR_FAULTY = 10,   /* a device that computes wrong results (docs/check.md) */
+  UBS_STOPPED = 130        /* the program has asked the call to end early (ubs_set_stop_flag) */
 } ubs_status;
 
 typedef struct ubs_device ubs_device;
@@ -95,6 +96,12 @@ UBS_API const char* ubs_error_message(void);
  * function is set, or if it is NULL, warnings are written to stderr. */
 typedef void (*ubs_log_function)(void* user, int level, const char* line);
 UBS_API void ubs_set_log(ubs_log_function function, void* user);
+
+/* Lets another thread end calls of this thread early that create an object: they read or create data, and
+ * compile kernels. Such calls read `*flag` at intervals. If it is not 0, they may return UBS_STOPPED without
+ * a result. The number must exist until the function is called again in this thread, with NULL or another
+ * number. Set it to NULL before calls that change an object, because they must not end halfway. */
+UBS_API void ubs_set_stop_flag(int32_t* flag);
 
 /* ---- Devices ---- */
 
@@ -515,7 +522,7 @@ typedef struct ubs_metrics {
 } ubs_metrics;
 
 /* Type of a function that is called after every iteration. If it returns 0, the run stops. It may use other
- * handles, and may read the trainer but not change it. */
+ * handles, and may read, evaluate and save the trainer, but not change it. */
 typedef int (*ubs_step_function)(void* user, const ubs_step* step);
 
 /* Creates a trainer. `settings` are those of `ubs train`; if it is NULL, the default settings are used.
@@ -531,7 +538,9 @@ UBS_API void ubs_trainer_free(ubs_trainer* trainer);
  * saved, and ubs_trainer_save returns UBS_ERROR_USAGE. */
 UBS_API ubs_status ubs_trainer_run(ubs_trainer* trainer, uint32_t steps, ubs_step_function function,
                                    void* user);
-/* Returns the current progress. The loss and the metrics of `step` are set to NaN. */
+/* Returns the current progress. The loss and the metrics of `step` are those that the last iteration
+ * reported. They are NaN if this trainer has not run this iteration, or if its splats have been replaced
+ * since. */
 UBS_API ubs_status ubs_trainer_get_status(const ubs_trainer* trainer, ubs_step* step);
 /* Returns the current model. */
 UBS_API ubs_status ubs_trainer_get_model(const ubs_trainer* trainer, ubs_model** model);
@@ -545,6 +554,12 @@ UBS_API ubs_status ubs_trainer_set_model(ubs_trainer* trainer, const ubs_model* 
 /* Returns the means of the metrics over the test views. Returns UBS_ERROR_DATA if there are no test views
  * with images. */
 UBS_API ubs_status ubs_trainer_evaluate(ubs_trainer* trainer, ubs_metrics* metrics);
+/* Returns the metrics of each test view that has an image, and their means. `views` is an array with `count`
+ * entries, all of which have the same size; `count` must be the number of these views. If `meter` is not
+ * NULL, it must have been created with the device of the trainer. Then ssim_valid and the networks of the
+ * meter are measured, too. */
+UBS_API ubs_status ubs_trainer_evaluate_views(ubs_trainer* trainer, ubs_meter* meter, ubs_metrics* mean,
+                                              size_t count, ubs_metrics* views);
 /* ubs_trainer_save writes a checkpoint, and ubs_trainer_restore resumes from a checkpoint. The trainer that
  * resumes must have been created with the same data, settings and device. Otherwise the function returns
  * UBS_ERROR_USAGE or UBS_ERROR_DATA, and the message states the difference. The result of a resumed training

@@ -363,6 +363,27 @@ class Renderer {
   unsigned flags_;
 };
 
+class Meter {
+ public:
+  explicit Meter(const Device& device, const std::string& networks = "", const std::string& weights = "")
+      : handle_(detail::made<ubs_meter>([&](ubs_meter** m) {
+          return ubs_meter_create(device.get(), networks.c_str(), weights.empty() ? nullptr : weights.c_str(),
+                                  m);
+        })) {}
+  ubs_metrics compare(int width, int height, std::span<const float> truth, std::span<const float> image) {
+    const std::size_t values = 3 * static_cast<std::size_t>(width) * static_cast<std::size_t>(height);
+    detail::check_size(truth.size(), values, "the reference image");
+    detail::check_size(image.size(), values, "the image");
+    auto metrics = sized<ubs_metrics>();
+    check(ubs_meter_compare(get(), width, height, truth.data(), image.data(), &metrics));
+    return metrics;
+  }
+  ubs_meter* get() const { return handle_.get(); }
+
+ private:
+  detail::Handle<ubs_meter, ubs_meter_free> handle_;
+};
+
 // Trainer trains a model. The Data that it was created with may be destroyed before the trainer.
 class Trainer {
  public:
@@ -413,33 +434,20 @@ class Trainer {
     check(ubs_trainer_evaluate(get(), &metrics));
     return metrics;
   }
+  // Returns the metrics of each test view that has an image. `count` is the number of these views. If `meter`
+  // is not null, also measures its networks.
+  std::vector<ubs_metrics> evaluate_views(std::size_t count, Meter* meter = nullptr) {
+    auto mean = sized<ubs_metrics>();
+    std::vector<ubs_metrics> views(count, sized<ubs_metrics>());
+    check(ubs_trainer_evaluate_views(get(), meter ? meter->get() : nullptr, &mean, count, views.data()));
+    return views;
+  }
   void save(const std::string& path) const { check(ubs_trainer_save(get(), path.c_str())); }
   void restore(const std::string& path) { check(ubs_trainer_restore(get(), path.c_str())); }
   ubs_trainer* get() const { return handle_.get(); }
 
  private:
   detail::Handle<ubs_trainer, ubs_trainer_free> handle_;
-};
-
-class Meter {
- public:
-  explicit Meter(const Device& device, const std::string& networks = "", const std::string& weights = "")
-      : handle_(detail::made<ubs_meter>([&](ubs_meter** m) {
-          return ubs_meter_create(device.get(), networks.c_str(), weights.empty() ? nullptr : weights.c_str(),
-                                  m);
-        })) {}
-  ubs_metrics compare(int width, int height, std::span<const float> truth, std::span<const float> image) {
-    const std::size_t values = 3 * static_cast<std::size_t>(width) * static_cast<std::size_t>(height);
-    detail::check_size(truth.size(), values, "the reference image");
-    detail::check_size(image.size(), values, "the image");
-    auto metrics = sized<ubs_metrics>();
-    check(ubs_meter_compare(get(), width, height, truth.data(), image.data(), &metrics));
-    return metrics;
-  }
-  ubs_meter* get() const { return handle_.get(); }
-
- private:
-  detail::Handle<ubs_meter, ubs_meter_free> handle_;
 };
 
 }  // namespace v1

@@ -4,12 +4,15 @@ module is internal to the package."""
 
 from __future__ import annotations
 
+import _thread
 import atexit
 import ctypes
 import logging
 import math
 import operator
 import os
+import threading
+import time
 from ctypes import CFUNCTYPE, POINTER, c_char, c_char_p, c_double, c_float, c_int, c_int32, c_size_t, c_uint
 from ctypes import c_int64, c_uint32, c_uint64, c_void_p
 from pathlib import Path
@@ -312,6 +315,7 @@ FUNCTIONS: dict[str, list[Any]] = {
     "trainer_get_model": ["trainer", POINTER(c_void_p)],
     "trainer_set_model": ["trainer", "model", c_void_p],
     "trainer_evaluate": ["trainer", POINTER(Metrics)],
+    "trainer_evaluate_views": ["trainer", "meter", POINTER(Metrics), c_size_t, POINTER(Metrics)],
     "trainer_save": ["trainer", c_char_p],
     "trainer_restore": ["trainer", c_char_p],
     "meter_create": ["device", c_char_p, c_char_p, POINTER(c_void_p)],
@@ -340,6 +344,7 @@ _library.ubs_version.restype = c_char_p
 _library.ubs_error_message.restype = c_char_p
 _library.ubs_set_log.argtypes = [LogFunction, c_void_p]
 _library.ubs_set_log.restype = None
+_library.ubs_set_stop_flag.restype = None
 _functions: dict[str, Any] = {}
 for _name, _arguments in FUNCTIONS.items():
     _functions[_name] = getattr(_library, "ubs_" + _name)
@@ -389,15 +394,111 @@ _drivers_are_loaded = _drivers_are_lost = False
 
 
 def _after_fork() -> None:
-    global _drivers_are_lost
+    global _drivers_are_lost, _idle, _calls
     _drivers_are_lost = _drivers_are_loaded
+    _idle, _calls = threading.Condition(), 0  # the threads that made these calls do not exist in this process
 
 
 os.register_at_fork(after_in_child=_after_fork)
 
+# The number of calls of the library that threads other than the main thread are making. At the end of the program, the
+# main thread waits for them, because the library must not work while the process destroys its global objects.
+_idle = threading.Condition()
+_calls = 0
+_ended = False
+
+
+def _in_main_thread() -> bool:
+    return threading.get_ident() == threading.main_thread().ident
+
+
+class _Working:
+    """Counts a call of the library. After the main thread has ended, calls of other threads wait until the process
+    ends, as Python lets such threads wait, too."""
+
+    def __enter__(self) -> None:
+        global _calls
+        self._counted = not _in_main_thread()
+        if self._counted:
+            with _idle:
+                ended = _ended
+                _calls += not ended
+            while ended:
+                time.sleep(3600)
+
+    def __exit__(self, *_: object) -> None:
+        global _calls
+        if self._counted:
+            with _idle:
+                _calls -= 1
+                _idle.notify_all()
+
+
+def _call_now(name: str, arguments: tuple[Any, ...]) -> None:
+    with _Working():
+        status = _functions[name](*arguments)
+        message = "" if status == 0 else _library.ubs_error_message().decode("utf-8", "replace")
+    if status != 0:
+        raise BY_STATUS.get(status, Error)(in_python_terms(message))
+
+
+# Functions that may take more than a fraction of a second.
+_LONG = {"device_open", "data_open", "data_synthesise", "model_create_initial", "model_load", "model_save",
+         "renderer_create_falloff", "trainer_create", "trainer_run", "trainer_evaluate_views", "trainer_save",
+         "trainer_restore", "meter_create", "meter_compare"}
+# Those that may be stopped halfway, because they only create an object.
+_CREATING = {"device_open", "data_open", "data_synthesise", "model_create_initial", "renderer_create_falloff",
+             "trainer_create", "meter_create"}
+_PATIENCE = 1.0  # how long a call that is no longer needed delays an exception, in seconds
+
+
+def _call_aside(name: str, arguments: tuple[Any, ...]) -> None:
+    """Makes a call in another thread, and waits for it. Python runs signal handlers in the main thread only, and only
+    between its own instructions: while the main thread waits here, but not while it works in the library. A handler
+    that ran in a callback of the library would lose its exception, because it must not pass through C code.
+
+    If a handler raises an exception, such as KeyboardInterrupt, this function asks the call to stop, and raises the
+    exception. A training ends after its current iteration. If another call does not end soon, this function returns
+    nevertheless; the call continues in its thread, which keeps its arguments, and its result is then deleted."""
+    failures: list[BaseException] = []
+    ended: list[bool] = []
+    stop = c_int32(0)
+    running = threading.Lock()
+    running.acquire()
+
+    def work() -> None:
+        try:
+            if name in _CREATING:
+                _library.ubs_set_stop_flag(ctypes.byref(stop))
+            _call_now(name, arguments)
+        except BaseException as error:
+            failures.append(error)
+        finally:
+            ended.append(True)
+            running.release()
+
+    # A handler may run between any two of these lines. threading.Thread.start() would wait for the thread, and a
+    # handler that runs then would leave it open whether the thread exists.
+    try:
+        try:
+            _thread.start_new_thread(work, ())
+        except RuntimeError:  # the system has no more threads
+            ended.append(True)
+            raise
+        running.acquire()
+    except BaseException:
+        stop.value = 1
+        if not ended:
+            running.acquire(timeout=-1 if name == "trainer_run" else _PATIENCE)
+        raise
+    if failures:
+        raise failures.pop()
+
 
 def call(name: str, *arguments: Any) -> None:
-    """Calls ubs_NAME. Raises an exception if the status is not UBS_OK."""
+    """Calls ubs_NAME. Raises an exception if the status is not UBS_OK. If signal handlers raise an exception during a
+    long call in the main thread, raises this exception. Arguments whose memory the library uses must be kept alive by
+    the arguments themselves (Kept)."""
     global _drivers_are_loaded
     if name.startswith(_DRIVEN):
         if _drivers_are_lost:
@@ -407,10 +508,15 @@ def call(name: str, *arguments: Any) -> None:
             )
         _drivers_are_loaded = True
     _check_integers(name, arguments)
-    status = _functions[name](*arguments)
-    if status != 0:
-        kind = BY_STATUS.get(status, Error)
-        raise kind(in_python_terms(_library.ubs_error_message().decode("utf-8", "replace")))
+    aside = name in _LONG and _in_main_thread()
+    (_call_aside if aside else _call_now)(name, arguments)
+
+
+class Kept:
+    """An argument of call() that keeps another object alive until the call has ended."""
+
+    def __init__(self, value: Any, owner: object) -> None:
+        self._as_parameter_, self._owner = value, owner
 
 
 class Handle:
@@ -421,7 +527,7 @@ class Handle:
         # The value that ctypes passes to the library. Callers pass the Handle object itself to call(), so that the
         # handle is not freed before the call returns.
         self._as_parameter_ = c_void_p()
-        call(maker, *arguments, ctypes.byref(self._as_parameter_))
+        call(maker, *arguments, Kept(ctypes.byref(self._as_parameter_), self))
 
     def __reduce_ex__(self, _protocol: Any) -> Any:
         raise TypeError(f"a {type(self).__name__} cannot be pickled or copied")
@@ -429,7 +535,8 @@ class Handle:
     def __del__(self) -> None:
         if getattr(self, "_as_parameter_", None):
             if not (_drivers_are_lost and self._kind in _DRIVEN):  # the driver would wait for its threads
-                _free[self._kind](self._as_parameter_)
+                with _Working():
+                    _free[self._kind](self._as_parameter_)
             self._as_parameter_ = c_void_p()
 
 
@@ -453,6 +560,15 @@ _library.ubs_set_log(_log, None)
 
 
 @atexit.register
-def _no_log() -> None:
-    """Removes the log function, because the library may still write log lines after the interpreter has ended."""
+def _end() -> None:
+    """Waits for the calls of other threads. Removes the log function, because the library may still write log lines
+    after the interpreter has ended."""
+    global _ended
+    try:
+        with _idle:
+            _ended = True
+            while _calls > 0:
+                _idle.wait()
+    except KeyboardInterrupt:  # the user does not want to wait
+        os._exit(130)
     _library.ubs_set_log(LogFunction(0), None)

@@ -21,7 +21,8 @@ ByteArray = npt.NDArray[np.uint8]
 
 
 def c_pointer(array: npt.NDArray[Any] | None) -> int | None:
-    return None if array is None else array.ctypes.data
+    # array.ctypes would import a module, which is not possible while the interpreter ends.
+    return None if array is None else int(array.__array_interface__["data"][0])
 
 
 def floats(values: npt.ArrayLike, shape: tuple[int, ...], what: str) -> FloatArray:
@@ -417,7 +418,7 @@ def synth(
         scene=scene.encode(), width=width, height=height, train_views=views, test_views=test_views or -1,
         val_views=val_views, supersampling=supersampling, seed=seed, overwrite=bool(overwrite),
     )
-    _abi.call("data_synthesise", ctypes.byref(options), _abi.path_bytes(folder))
+    _abi.call("data_synthesise", ctypes.byref(options), _abi.Kept(_abi.path_bytes(folder), temporary))
     data = Dataset.open(folder)
     if temporary:
         data._source, data._temporary = (_synth, scene, again), temporary

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import ctypes
+import threading
 from dataclasses import dataclass
 from typing import Any, Union
 
@@ -97,12 +98,14 @@ class Device(_abi.Handle):
 
 DeviceLike = Union[Device, str, int, None]
 _opened: dict[str, Device] = {}
+_opened_lock = threading.Lock()
 
 
 def opened(device: DeviceLike) -> Device:
     if isinstance(device, Device):
         return device
     request = request_text(device)
-    if request not in _opened:
-        _opened[request] = Device(request)
-    return _opened[request]
+    with _opened_lock:  # several threads may make the first request at the same time
+        if request not in _opened:
+            _opened[request] = Device(request)
+        return _opened[request]

@@ -97,6 +97,7 @@ class Model(_abi.Handle):
     def __init__(self, maker: str, *arguments: Any) -> None:
         super().__init__("model", maker, *arguments)
         self._renderers: dict[tuple[Device, int], Renderer] = {}
+        self._renderers_lock = threading.RLock()  # several threads may ask for the first renderer at the same time
         self._handed_out = False  # True after the caller got parameters, because it may write them at any time
 
     @staticmethod
@@ -209,11 +210,12 @@ class Model(_abi.Handle):
         where = opened(device)
         flags = (_abi.RENDER_DEPTH if depth else 0) | (_abi.RENDER_GRADIENTS if gradients else 0)
         key = (where, flags)
-        if key not in self._renderers:
-            self._renderers[key] = Renderer(self, where, depth=depth, gradients=gradients)
-        elif self._handed_out:
-            self._renderers[key].update(self)
-        return self._renderers[key]
+        with self._renderers_lock:
+            if key not in self._renderers:
+                self._renderers[key] = Renderer(self, where, depth=depth, gradients=gradients)
+            elif self._handed_out:
+                self._renderers[key].update(self)
+            return self._renderers[key]
 
     def render(
         self,
@@ -229,12 +231,13 @@ class Model(_abi.Handle):
         memory, whose content is valid until the model renders its next image. This requires a CPU with PoCL; other
         devices raise UsageError."""
         checked_camera(camera)
-        renderer = self.renderer(device)
-        # If the caller still uses an array of this renderer that has another size, rendering would free the memory of
-        # this array. In this case the model creates another renderer.
-        if renderer._lends_other(camera.height, camera.width):
-            self._renderers = {key: kept for key, kept in self._renderers.items() if kept is not renderer}
+        with self._renderers_lock:
             renderer = self.renderer(device)
+            # If the caller still uses an array of this renderer that has another size, rendering would free the memory
+            # of this array. In this case the model creates another renderer.
+            if renderer._lends_other(camera.height, camera.width):
+                self._renderers = {key: kept for key, kept in self._renderers.items() if kept is not renderer}
+                renderer = self.renderer(device)
         if copy or out is not None:
             return renderer._draw(camera, time, alpha=False, out=out).rgb
         renderer.draw(camera if time is None else camera.at(time))

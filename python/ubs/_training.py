@@ -7,18 +7,18 @@ import ctypes
 import importlib
 import math
 import os
-import signal
 import sys
 import threading
+import time
 from dataclasses import dataclass
-from typing import Any, Callable
+from typing import Any, Callable, Sequence
 
 import numpy as np
 import numpy.typing as npt
 
 from . import _abi
 from ._data import Dataset, c_pointer
-from ._device import DeviceLike, opened
+from ._device import Device, DeviceLike, opened
 from ._errors import UsageError
 from ._model import Model
 from ._settings import BOOLEANS, Settings
@@ -60,6 +60,25 @@ def known(value: float) -> float | None:
     return None if math.isnan(value) else value
 
 
+_meters: dict[tuple[Device, str, str], _abi.Handle] = {}
+_meters_lock = threading.Lock()
+
+
+def meter_for(
+    device: Device, networks: Sequence[str], weights: os.PathLike[str] | str | None
+) -> _abi.Handle:
+    """Returns the object that measures these LPIPS networks on this device. Creates it on first use."""
+    if isinstance(networks, str):
+        raise UsageError(f"networks must be a list of names, such as [{networks!r}], not a text")
+    chosen = os.environ.get("UBS_LPIPS_WEIGHTS", "") if weights is None else os.fspath(weights)
+    key = (device, ",".join(networks), str(chosen))
+    with _meters_lock:
+        if key not in _meters:
+            file = None if weights is None else _abi.path_bytes(weights)
+            _meters[key] = _abi.Handle("meter", "meter_create", device, key[1].encode(), file)
+        return _meters[key]
+
+
 def metrics_of(found: _abi.Metrics) -> Metrics:
     more = {name: known(getattr(found, name)) for name in _abi.METRICS[3:]}
     return Metrics(found.psnr, found.psnr_joint, found.ssim, **more)
@@ -71,31 +90,8 @@ def _step(c: _abi.Step) -> Step:
     )
 
 
-class _Interrupt:
-    """Records in `came` that Ctrl-C was pressed, instead of raising KeyboardInterrupt, because Python ignores
-    exceptions that are raised in a callback from C. This is only done in the main thread, and only if the program has
-    not installed another handler."""
-
-    def __init__(self) -> None:
-        self.came = False
-        self._replaced = False
-
-    def __enter__(self) -> _Interrupt:
-        main = threading.current_thread() is threading.main_thread()
-        if main and signal.getsignal(signal.SIGINT) is signal.default_int_handler:
-            signal.signal(signal.SIGINT, self._note)
-            self._replaced = True
-        return self
-
-    def _note(self, _number: int, _frame: Any) -> None:
-        self.came = True
-
-    def __exit__(self, *_: object) -> None:
-        if self._replaced:
-            signal.signal(signal.SIGINT, signal.default_int_handler)
-
-
 OnStep = Callable[[Step], Any]
+_PART = 0.05  # time of the iterations that the library makes at once, if nothing else limits their number, in seconds
 
 
 class Trainer(_abi.Handle):
@@ -117,6 +113,8 @@ class Trainer(_abi.Handle):
         chosen = Settings(settings, spec, use=_abi.USE_TRAINER)
         # Training reads images from files that may be deleted together with the data set, so keep the data set alive.
         self._data = data
+        self._running = threading.RLock()  # held by run()
+        self._runs = False
         super().__init__("trainer", "trainer_create", self._device, data, chosen, initial)
 
     def __repr__(self) -> str:
@@ -125,36 +123,46 @@ class Trainer(_abi.Handle):
 
     def run(self, steps: int = 0, on_step: OnStep | None = None) -> None:
         """Trains for `steps` iterations, or for all remaining iterations if `steps` is 0. Calls `on_step` after each
-        iteration. If `on_step` returns False, training stops after this iteration. If it raises an exception, training
-        also stops, and run() raises this exception. Ctrl-C in the main thread stops training after the current
-        iteration, and run() raises KeyboardInterrupt. In all these cases the trainer has the state of the last
-        iteration, so it can be saved, and run() can continue."""
+        iteration. `on_step` may use the trainer, but not call run(). If `on_step` returns False, training stops after
+        this iteration. If it raises an exception, training also stops, and run() raises this exception. The same is
+        true for exceptions of signal handlers, which Python calls in the main thread: for example, Ctrl-C stops
+        training after the current iteration, and run() raises KeyboardInterrupt. In all these cases the trainer has the
+        state of the last iteration, so it can be saved, and run() can continue."""
+        steps = _abi.integer(steps, "steps")
         if steps < 0:
             raise UsageError(f"steps = {steps}: pass a number of iterations, or 0 for all remaining ones")
-        raised: list[BaseException] = []  # exceptions must not pass through C code
-
-        with _Interrupt() as interrupt:
-
-            def forward(_user: int, step: Any) -> int:
-                try:
-                    answer = None if on_step is None else on_step(_step(step.contents))
-                    ended = isinstance(answer, BOOLEANS) and not answer
-                    return 0 if ended or interrupt.came else 1
-                except BaseException as error:
-                    raised.append(error)
-                    return 0
-
+        with self._running:
+            if self._runs:
+                raise UsageError("on_step cannot call run() of the trainer that calls it")
+            self._runs = True
             try:
-                _abi.call("trainer_run", self, steps, _abi.StepFunction(forward), None)
+                self._run(steps, on_step)
             finally:
-                if raised:
-                    raise raised[0]
-        if interrupt.came:
-            raise KeyboardInterrupt
+                self._runs = False
+
+    def _run(self, steps: int, on_step: OnStep | None, pause: float = 0.0) -> None:
+        """Runs one iteration after the other, so that no Python code runs inside of the library. Without `on_step`, or
+        if it need not be called more often than every `pause` seconds, the library makes as many iterations at once as
+        take about this time, or _PART."""
+        step = self.status
+        last = step.iterations if steps == 0 else min(step.iteration + steps, step.iterations)
+        part, wanted = 1, _PART if on_step is None else pause
+        while step.iteration < last:
+            begin = time.perf_counter()
+            _abi.call("trainer_run", self, min(part, last - step.iteration), _abi.StepFunction(0), None)
+            took = time.perf_counter() - begin
+            step = self.status
+            if on_step is not None:
+                answer = on_step(step)
+                if isinstance(answer, BOOLEANS) and not answer:
+                    break
+                step = self.status  # on_step may have restored another state
+            if wanted > 0:
+                part = max(1, min(2 * part, int(part * wanted / max(took, 1e-6))))
 
     @property
     def status(self) -> Step:
-        """The current progress. Its loss and metrics are None."""
+        """The current progress. Its loss and metrics are those that the last iteration reported."""
         step = _abi.Step()
         _abi.call("trainer_get_status", self, ctypes.byref(step))
         return _step(step)
@@ -178,11 +186,29 @@ class Trainer(_abi.Handle):
             taken = taken.astype(np.int64)
         _abi.call("trainer_set_model", self, model, c_pointer(taken))
 
-    def evaluate(self) -> Metrics:
-        """Returns the mean metrics over the test views."""
-        found = _abi.Metrics()
-        _abi.call("trainer_evaluate", self, ctypes.byref(found))
-        return metrics_of(found)
+    def evaluate(
+        self, *, networks: Sequence[str] = (), weights: os.PathLike[str] | str | None = None
+    ) -> Metrics:
+        """Returns the mean metrics over the test views that have an image. `networks` and `weights` are those of
+        ubs.metrics.measure(): LPIPS takes much longer than the other metrics."""
+        return self._evaluated(networks, weights)[0]
+
+    def evaluate_views(
+        self, *, networks: Sequence[str] = (), weights: os.PathLike[str] | str | None = None
+    ) -> dict[str, Metrics]:
+        """Returns the metrics of each test view that has an image, by the name of the view. The arguments are those of
+        evaluate()."""
+        names = [view.name for view in self._data.test if view.has_image]
+        return dict(zip(names, self._evaluated(networks, weights)[1]))
+
+    def _evaluated(
+        self, networks: Sequence[str], weights: os.PathLike[str] | str | None
+    ) -> tuple[Metrics, list[Metrics]]:
+        meter = meter_for(self._device, networks, weights) if networks else None
+        count = sum(view.has_image for view in self._data.test)
+        mean, views = _abi.Metrics(), (_abi.Metrics * count)(*(_abi.Metrics() for _ in range(count)))
+        _abi.call("trainer_evaluate_views", self, meter, ctypes.byref(mean), count, views)
+        return metrics_of(mean), [metrics_of(view) for view in views]
 
     def save(self, path: os.PathLike[str] | str) -> None:
         """Writes a checkpoint."""
@@ -194,23 +220,55 @@ class Trainer(_abi.Handle):
         _abi.call("trainer_restore", self, _abi.path_bytes(path))
 
 
-def _progress() -> tuple[OnStep, Callable[[], None]] | None:
-    """Returns two functions that update and close a progress bar of tqdm. Returns None if tqdm is not installed, or if
-    stderr is not a terminal."""
-    if not sys.stderr.isatty():
-        return None
-    try:
-        bar = importlib.import_module("tqdm").tqdm(unit="step")
-    except ImportError:
-        return None
+class _Lines:
+    """Reports the progress of a training in lines of text: at each tenth of the iterations, and at least every minute."""
 
-    def update(step: Step) -> None:
-        bar.total = step.iterations
+    def __init__(self) -> None:
+        self._tenths, self._time = 0, time.monotonic()
+        self._print("preparing the training")
+
+    def _print(self, text: str) -> None:
+        print(f"ubs: {text}", file=sys.stderr, flush=True)
+
+    def update(self, step: Step) -> None:
+        tenths, now = 10 * step.iteration // max(step.iterations, 1), time.monotonic()
+        if tenths > self._tenths or now > self._time + 60:
+            self._tenths, self._time = tenths, now
+            loss = "" if step.loss is None else f", loss {step.loss:.4f}"
+            self._print(
+                f"iteration {step.iteration} of {step.iterations}, {step.seconds:.1f} s, {step.splats} splats{loss}"
+            )
+
+    def close(self) -> None:
+        pass
+
+
+class _Bar:
+    """Shows the progress of a training with a progress bar of tqdm."""
+
+    def __init__(self, tqdm: Any) -> None:
+        self._bar = tqdm(unit="step", desc="preparing")
+
+    def update(self, step: Step) -> None:
+        self._bar.total = step.iterations
+        self._bar.set_description(None, refresh=False)
         if step.loss is not None:
-            bar.set_postfix(loss=f"{step.loss:.4f}", splats=step.splats, refresh=False)
-        bar.update(step.iteration - bar.n)
+            self._bar.set_postfix(loss=f"{step.loss:.4f}", splats=step.splats, refresh=False)
+        self._bar.update(step.iteration - self._bar.n)
 
-    return update, bar.close
+    def close(self) -> None:
+        self._bar.close()
+
+
+def _progress() -> _Bar | _Lines:
+    """Returns a progress bar if tqdm is installed, and if there is a terminal or a notebook that can show it. Otherwise
+    returns an object that prints lines, for logs."""
+    if "ipykernel" in sys.modules or (sys.stderr is not None and sys.stderr.isatty()):
+        try:
+            return _Bar(importlib.import_module("tqdm.auto").tqdm)
+        except ImportError:
+            pass
+    return _Lines()
 
 
 def train(
@@ -226,14 +284,30 @@ def train(
     ubs.settings() lists them. Use Trainer to run other code between iterations. As in the published method, gradients
     do not include the path through the view direction, unless query_grad is True.
 
+    Without `on_step`, reports the progress on stderr: with a progress bar of tqdm in terminals and notebooks, if tqdm is
+    installed, and otherwise with lines of text.
+
+    If an exception ends the training, for example KeyboardInterrupt after Ctrl-C, or an exception of `on_step`, it has
+    the attribute `trainer`. This is the Trainer: its `model` is the model so far, and its run() continues the training.
+    In a notebook: sys.last_value.trainer.model.
+
     The schedule, which includes the growth of the number of splats, scales with the number of iterations. For example,
     a training of 200 iterations turns 500 initial splats into 12 000, and a training of 30 000 iterations turns them
     into 64 000. cap_max limits the number of splats, and refine="0:0:1" keeps it constant."""
-    trainer = Trainer(data, device=device, initial=initial, spec=spec, **settings)
     progress = _progress() if on_step is None else None
     try:
-        trainer.run(on_step=progress[0] if progress else on_step)
+        trainer = Trainer(data, device=device, initial=initial, spec=spec, **settings)
+        try:
+            if progress is None:
+                trainer.run(on_step=on_step)
+            else:
+                trainer._run(0, progress.update, pause=_PART)
+        except BaseException as error:
+            error.trainer = trainer  # type: ignore[attr-defined]
+            if hasattr(error, "add_note"):
+                error.add_note("the model so far is in the attribute trainer.model of this exception")
+            raise
     finally:
-        if progress:
-            progress[1]()
+        if progress is not None:
+            progress.close()
     return trainer.model

@@ -13,14 +13,14 @@ import numpy as np
 import numpy.typing as npt
 
 from . import _abi
+from ._abi import Kept
 from ._data import c_pointer, floats
-from ._device import Device, DeviceLike, opened
+from ._device import DeviceLike, opened
 from ._errors import UsageError
 from ._model import as_float
-from ._training import Metrics, metrics_of
+from ._training import Metrics, meter_for, metrics_of
 
 __all__ = ["lpips", "measure", "psnr", "ssim"]
-_meters: dict[tuple[Device, str, str], _abi.Handle] = {}
 
 
 def measure(
@@ -38,14 +38,12 @@ def measure(
     if len(shape) != 3 or shape[2] != 3:
         raise UsageError(f"truth has the shape {shape}, but must be (H, W, 3)")
     a, b = floats(as_float(truth), shape, "truth"), floats(as_float(image), shape, "image")
-    where = opened(device)
-    chosen = os.environ.get("UBS_LPIPS_WEIGHTS", "") if weights is None else str(weights)
-    key = (where, ",".join(networks), chosen)
-    if key not in _meters:
-        file = None if weights is None else _abi.path_bytes(weights)
-        _meters[key] = _abi.Handle("meter", "meter_create", where, key[1].encode(), file)
+    meter = meter_for(opened(device), networks, weights)
     found = _abi.Metrics()
-    _abi.call("meter_compare", _meters[key], shape[1], shape[0], c_pointer(a), c_pointer(b), ctypes.byref(found))
+    _abi.call(
+        "meter_compare", meter, shape[1], shape[0], Kept(c_pointer(a), a), Kept(c_pointer(b), b),
+        ctypes.byref(found),
+    )
     return metrics_of(found)
 
 

@@ -567,13 +567,14 @@ TEST_CASE("a renderer accepts a new model with at most as many splats and the sa
   check_error(UBS_ERROR_USAGE, "does not match", [&] { renderer.update(small_model(3)); });
 }
 
-TEST_CASE("a step function may read the trainer, stop training and throw") {
+TEST_CASE("a step function may read and evaluate the trainer, stop training and throw") {
   ubs::Device device;
   const ubs::Data data(scene() / "data");
   ubs::Trainer trainer(device, settle(data), settings());
   trainer.run([&](const ubs_step& step) {
     CHECK(trainer.status().iteration == step.iteration);
     CHECK(trainer.model().info().splats == step.splats);
+    CHECK(trainer.evaluate().psnr > 0);
     check_error(UBS_ERROR_USAGE, "step callback", [&] { trainer.run(); });
     return step.iteration < 2;
   });
@@ -581,6 +582,40 @@ TEST_CASE("a step function may read the trainer, stop training and throw") {
   CHECK_THROWS_AS(trainer.run([](const ubs_step&) -> bool { throw std::domain_error("mine"); }),
                   std::domain_error);
   CHECK(trainer.status().iteration == 3);
+}
+
+TEST_CASE("each test view is measured, and the status has the last loss") {
+  ubs::Device device;
+  const ubs::Data data(scene() / "data");
+  ubs::Trainer trainer(device, data, settings());
+  CHECK(std::isnan(trainer.status().loss));
+  double loss = 0;
+  trainer.run([&](const ubs_step& step) {
+    loss = step.loss;
+    return std::isnan(loss);
+  });
+  CHECK(trainer.status().loss == loss);
+  const std::size_t count = data.view_count("test");
+  REQUIRE(count == 2);
+  ubs::Meter meter(device);
+  const std::vector<ubs_metrics> views = trainer.evaluate_views(count, &meter);
+  CHECK((views[0].psnr + views[1].psnr) / 2 == Approx(trainer.evaluate().psnr));
+  CHECK(views[0].psnr != views[1].psnr);
+  CHECK(views[1].ssim_valid > 0);
+  CHECK(std::isnan(trainer.evaluate_views(count)[1].ssim_valid));
+  check_error(UBS_ERROR_USAGE, "count is 3, but there are 2", [&] { trainer.evaluate_views(3); });
+  ubs::Device other;
+  ubs::Meter elsewhere(other);
+  check_error(UBS_ERROR_USAGE, "different devices", [&] { trainer.evaluate_views(count, &elsewhere); });
+}
+
+TEST_CASE("a call that creates an object ends when it is asked to stop") {
+  std::int32_t stop = 1;
+  ubs_set_stop_flag(&stop);
+  check_error(UBS_STOPPED, "stopped by the caller", [&] { ubs::Data(scene() / "data"); });
+  stop = 0;
+  CHECK(ubs::Data(scene() / "data").view_count("train") > 0);
+  ubs_set_stop_flag(nullptr);
 }
 
 TEST_CASE("errors describe the problem") {
