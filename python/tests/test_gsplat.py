@@ -954,11 +954,14 @@ ARGUMENTS = """means quats scales opacities colors viewmats Ks width height near
     sh_degree packed tile_size backgrounds render_mode sparse_grad absgrad rasterize_mode channel_chunk distributed
     camera_model segmented covars with_ut with_eval3d radial_coeffs tangential_coeffs thin_prism_coeffs ftheta_coeffs
     rolling_shutter viewmats_rs""".split()
+# Arguments of gsplat 1.6 that are between others there, and that must be passed by name here
+ARGUMENTS_OF_1_6 = """return_normals global_z_order rays lidar_coeffs external_distortion_coeffs ut_params
+    renderer_config""".split()
 
 
 def test_arguments_have_the_order_of_gsplat() -> None:
     parameters = list(inspect.signature(rasterization).parameters)
-    assert parameters == [*ARGUMENTS, "extra_signals", "extra_signals_sh_degree", "device"]
+    assert parameters == [*ARGUMENTS, "extra_signals", "extra_signals_sh_degree", *ARGUMENTS_OF_1_6, "device"]
 
 
 @pytest.mark.parametrize("packed", [True, False])

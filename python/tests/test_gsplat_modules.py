@@ -394,3 +394,65 @@ def test_compression_is_imported_and_refused() -> None:
     for call in (PngCompression, rasterize_to_pixels, all_gather_int32):
         with pytest.raises(ubs.UsageError, match=f"^{call.__name__} does not exist in ubs.gsplat: "):
             call()
+
+
+def test_functions_that_pytorch_computes_have_float64(recwarn: pytest.WarningsRecorder) -> None:
+    """Tests that torch.autograd.gradcheck, which needs float64, accepts these functions and their gradients."""
+    torch.manual_seed(1)
+    double = {"dtype": torch.float64}
+    check = torch.autograd.gradcheck
+    quats, scales = torch.randn(3, 4, **double).requires_grad_(), (0.5 + torch.rand(3, 3, **double)).requires_grad_()
+    assert check(lambda q, s: quat_scale_to_covar_preci(q, s), (quats, scales))
+    means = (torch.randn(3, 3, **double) + torch.tensor([0, 0, 5.0])).requires_grad_()
+    viewmats, ks = torch.eye(4, **double)[None], torch.tensor([[[20.0, 0, 8], [0, 21, 6], [0, 0, 1]]], **double)
+    covars = quat_scale_to_covar_preci(quats, scales)[0].detach().requires_grad_()
+    turned = viewmats.clone().requires_grad_()
+    assert check(world_to_cam, (means, covars, turned))
+    assert check(lambda m, c: proj(m[None], c[None], ks, 16, 12), (means, covars))
+    assert check(
+        lambda m, q, s, v: fully_fused_projection(m, None, q, s, v, ks, 16, 12)[1:4], (means, quats, scales, turned)
+    )
+    coeffs = torch.randn(3, 25, 2, **double).requires_grad_()
+    assert check(lambda d, c: spherical_harmonics(4, d, c), (means, coeffs))
+    depths = (1 + torch.rand(4, 5, 1, **double)).requires_grad_()
+    assert check(lambda d: ubs.gsplat.utils.depth_to_normal(d, torch.eye(4, **double), ks[0]), (depths,))
+    opacities = (0.1 + 0.8 * torch.rand(3, **double)).requires_grad_()
+    binoms, ratios = torch.zeros(5, 5), torch.tensor([1, 2, 5])
+    assert check(lambda o, s: ubs.gsplat.relocation.compute_relocation(o, s, ratios, binoms), (opacities, scales))
+    for call in (
+        lambda: spherical_harmonics(0, means, coeffs.float()),
+        lambda: quat_scale_to_covar_preci(quats, scales.float()),
+        lambda: world_to_cam(means, covars, viewmats.float()),
+        lambda: proj(means[None], covars[None], ks.float(), 16, 12),
+    ):
+        with pytest.raises(ubs.UsageError, match="has the type torch.float32, but other tensors are torch.float64"):
+            call()
+    with pytest.raises(ubs.UsageError, match="torch.float16, but must be torch.float32 or torch.float64"):
+        spherical_harmonics(0, means.half(), coeffs)
+
+
+def test_harmonics_of_all_cameras() -> None:
+    """Tests coefficients (N, K, D) with directions (C, N, 3), as in gsplat 1.6."""
+    torch.manual_seed(2)
+    dirs, coeffs = torch.randn(2, 5, 3), torch.randn(5, 4, 3, requires_grad=True)
+    found = spherical_harmonics(1, dirs, coeffs)
+    assert torch.equal(found, spherical_harmonics(1, dirs, coeffs.expand(2, 5, 4, 3)))
+    found.sum().backward()
+    assert coeffs.grad is not None and coeffs.grad.shape == coeffs.shape and float(coeffs.grad.abs().max()) > 0
+    with pytest.raises(ubs.UsageError, match="coeffs has the shape"):
+        spherical_harmonics(1, dirs, coeffs[:4])
+
+
+def test_rasterization_has_the_arguments_of_gsplat_1_6() -> None:
+    """Tests that their default values are accepted, and that others are refused."""
+    splats = (torch.zeros(1, 3), torch.tensor([[1.0, 0, 0, 0]]), torch.full((1, 3), 0.1), torch.ones(1), torch.ones(1, 3))
+    view = (torch.eye(4)[None] + torch.tensor([[0.0, 0, 0, 0], [0, 0, 0, 0], [0, 0, 0, 2], [0, 0, 0, 0]]),
+            torch.tensor([[[8.0, 0, 4], [0, 8, 4], [0, 0, 1]]]), 8, 8)
+    default = {"tile_size": None, "return_normals": False, "global_z_order": True, "rays": None, "lidar_coeffs": None,
+               "external_distortion_coeffs": None, "ut_params": None, "renderer_config": None}
+    image = ubs.gsplat.rasterization(*splats, *view, **default)[0]
+    assert torch.equal(image, ubs.gsplat.rasterization(*splats, *view)[0]) and float(image.max()) > 0.1
+    for name, other in (("return_normals", True), ("global_z_order", False), ("rays", torch.zeros(1)),
+                        ("ut_params", 3), ("renderer_config", 3)):
+        with pytest.raises(ubs.UsageError, match=f"{name}.* is not supported"):
+            ubs.gsplat.rasterization(*splats, *view, **{**default, name: other})

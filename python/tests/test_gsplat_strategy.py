@@ -410,3 +410,57 @@ def test_they_learn(kind: str, packed: bool) -> None:
     print(kind, packed, len(params["means"]), errors[0], errors[-1])
     assert 50 <= len(params["means"]) < 2000
     assert errors[-1] < 0.5 * errors[0]
+
+
+def test_arguments_of_gsplat_1_6(recwarn: pytest.WarningsRecorder) -> None:
+    """Tests arguments that gsplat 1.6 has in addition."""
+    scales, copies = torch.ones(2, 3), torch.tensor([5, 2])
+    plain = compute_relocation(torch.tensor([0.01, 0.9]), scales, copies, BINOMS)
+    found = compute_relocation(torch.tensor([0.01, 0.9]), scales, copies, BINOMS, min_opacity=0.005)
+    total = sum(
+        math.comb(a - 1, k) * (-1) ** k / math.sqrt(k + 1) * 0.005 ** (k + 1) for a in range(1, 6) for k in range(a)
+    )
+    assert float(plain[0][0]) < 0.0021 and found[0].tolist() == [pytest.approx(0.005), float(plain[0][1])]
+    assert float(found[1][0, 0]) == pytest.approx(0.01 / total, rel=1e-5) and found[1][1, 0] == plain[1][1, 0]
+    params, optimizers = learnt(8)
+    mask = torch.arange(len(params["means"])) < 2
+    for change in (
+        lambda scene: ops.duplicate(params, optimizers, {}, mask, scene=scene),
+        lambda scene: ops.split(params, optimizers, {}, torch.arange(len(params["means"])) < 2, scene=scene),
+        lambda scene: ops.remove(params, optimizers, {}, torch.arange(len(params["means"])) < 2, scene=scene),
+        lambda scene: ops.relocate(params, optimizers, {}, torch.arange(len(params["means"])) < 2, BINOMS, scene=scene),
+        lambda scene: ops.sample_add(params, optimizers, {}, 2, BINOMS, scene=scene),
+    ):
+        change(None)
+        with pytest.raises(ubs.UsageError, match="scene is not supported"):
+            change(object())
+    moved = []
+    for name in ("noise_scale", "scaler"):
+        params["means"].data.zero_()
+        torch.manual_seed(3)
+        ops.inject_noise_to_position(params, {}, {}, **{name: 3.0})
+        moved.append(params["means"].detach().clone())
+    assert torch.equal(*moved) and float(moved[0].abs().max()) > 0
+    with pytest.raises(ubs.UsageError, match="noise_scale"):
+        ops.inject_noise_to_position(params, {}, {})
+    assert not recwarn.list
+
+
+def test_largest_radii_are_kept_without_a_warning(recwarn: pytest.WarningsRecorder) -> None:
+    from ubs.gsplat.strategy.default import _maxima
+
+    torch.manual_seed(1)
+    ids, values = torch.randint(9, (200,)), torch.rand(200)
+    found = dict(zip(*(tensor.tolist() for tensor in _maxima(ids, values))))
+    assert found == {i: float(values[ids == i].max()) for i in range(9)}
+    assert [len(tensor) for tensor in _maxima(ids[:0], values[:0])] == [0, 0]
+    strategy = ubs.gsplat.DefaultStrategy(refine_scale2d_stop_iter=10)
+    params, optimizers = learnt(4)
+    state = strategy.initialize_state()
+    centre = torch.zeros(2, 4, 2, requires_grad=True)
+    (centre * 3).sum().backward()
+    radii = torch.tensor([[1, 2, 3, 0], [4, 1, 1, 0]])[..., None].repeat(1, 1, 2)
+    info = {"means2d": centre, "radii": radii, "width": 8, "height": 8, "n_cameras": 2, "gaussian_ids": None}
+    strategy._update_state(params, state, info)
+    assert state["radii"].tolist() == [0.5, 0.25, 0.375, 0] and state["count"].tolist() == [2, 2, 2, 0]
+    assert not recwarn.list

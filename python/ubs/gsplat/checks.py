@@ -21,13 +21,19 @@ def check_choice(name: str, value: Any, known: Sequence[str]) -> None:
         raise UsageError(f"{name}={value!r} is not supported: choose one of {', '.join(map(repr, known))}")
 
 
-def check_tensor(name: str, tensor: Any, *shapes: tuple[int, ...], like: Tensor | None = None) -> Tensor:
+def check_tensor(
+    name: str, tensor: Any, *shapes: tuple[int, ...], like: Tensor | None = None, double: bool = False
+) -> Tensor:
     """Checks that the argument is a tensor of one of these shapes with finite float32 values, and that it is on the
-    device of the tensor `like`."""
+    device of the tensor `like`. With `double`, which is for functions that PyTorch alone computes, the values may also
+    be float64 if those of `like` are."""
     if not isinstance(tensor, Tensor):
         raise UsageError(f"{name} must be a torch.Tensor, not {type(tensor).__name__}")
-    if tensor.dtype != torch.float32:
-        raise UsageError(f"{name} has the type {tensor.dtype}, but must be torch.float32")
+    if tensor.dtype != torch.float32 and not (double and tensor.dtype == torch.float64):
+        wanted = "torch.float32 or torch.float64" if double else "torch.float32"
+        raise UsageError(f"{name} has the type {tensor.dtype}, but must be {wanted}")
+    if double and like is not None and tensor.dtype != like.dtype:
+        raise UsageError(f"{name} has the type {tensor.dtype}, but other tensors are {like.dtype}")
     if tuple(tensor.shape) not in shapes:
         wanted = " or ".join(dict.fromkeys(map(str, shapes)))
         raise UsageError(f"{name} has the shape {tuple(tensor.shape)}, not {wanted}")

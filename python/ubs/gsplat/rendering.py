@@ -106,15 +106,17 @@ def spherical_harmonics(
     degrees_to_use: int, dirs: Tensor, coeffs: Tensor, masks: Optional[Tensor] = None
 ) -> Tensor:
     """Returns colours (..., D) from coefficients (..., K, D) and directions (..., 3) of any length, for degrees 0 to 4.
-    Colours are 0 where masks (...) are False. Unlike rasterization(), does not add 0.5 and does not clamp at 0."""
+    For directions (..., N, 3), coefficients may also be (N, K, D), as in gsplat 1.6. Colours are 0 where masks (...) are
+    False. Unlike rasterization(), does not add 0.5 and does not clamp at 0. Tensors may be float64."""
     if isinstance(degrees_to_use, BOOLEANS) or degrees_to_use not in (0, 1, 2, 3, 4):
         raise UsageError(f"degrees_to_use={degrees_to_use} must be a whole number from 0 to 4")
     count = (int(degrees_to_use) + 1) ** 2
     shape = shape_of("dirs", dirs, 1)
     if shape_of("coeffs", coeffs, 2)[-2] < count:
         raise UsageError(f"coeffs has {coeffs.shape[-2]} bases, but degree {degrees_to_use} needs {count}")
-    check_tensor("dirs", dirs, (*shape[:-1], 3))
-    check_tensor("coeffs", coeffs, (*shape[:-1], *coeffs.shape[-2:]), like=dirs)
+    check_tensor("dirs", dirs, (*shape[:-1], 3), double=True)
+    own = (*shape[:-1], *coeffs.shape[-2:])
+    check_tensor("coeffs", coeffs, own, own[-3:], like=dirs, double=True)
     if masks is not None and tuple(masks.shape) != shape[:-1]:
         raise UsageError(f"masks have the shape {tuple(masks.shape)}, not {shape[:-1]}")
     x, y, z = torch.nn.functional.normalize(dirs, dim=-1).unbind(-1)
@@ -261,22 +263,23 @@ def _checked(
     viewmats: Tensor,
     ks: Tensor,
     model: str,
+    double: bool = False,
 ) -> tuple[int, ...]:
-    """Checks the arguments of a projection, and returns the batch dimensions."""
+    """Checks the arguments of a projection, and returns the batch dimensions. `double`: see check_tensor()."""
     check_choice("camera_model", model, get_args(CameraModel))
     *batch, n, _ = shape_of("means", means, 2)
     cameras = shape_of("viewmats", viewmats, 3)[-3]
-    check_tensor("means", means, (*batch, n, 3))
-    check_tensor("viewmats", viewmats, (*batch, cameras, 4, 4), like=means)
-    check_tensor("Ks", ks, (*batch, cameras, 3, 3), like=means)
+    check_tensor("means", means, (*batch, n, 3), double=double)
+    check_tensor("viewmats", viewmats, (*batch, cameras, 4, 4), like=means, double=double)
+    check_tensor("Ks", ks, (*batch, cameras, 3, 3), like=means, double=double)
     _intrinsics(ks)
     if covars is not None:
-        check_tensor("covars", covars, (*batch, n, 3, 3), (*batch, n, 6), like=means)
+        check_tensor("covars", covars, (*batch, n, 3, 3), (*batch, n, 6), like=means, double=double)
     elif quats is None or scales is None:
         raise UsageError("pass either covars, or both quats and scales")
     else:
-        check_tensor("quats", quats, (*batch, n, 4), like=means)
-        check_tensor("scales", scales, (*batch, n, 3), like=means)
+        check_tensor("quats", quats, (*batch, n, 4), like=means, double=double)
+        check_tensor("scales", scales, (*batch, n, 3), like=means, double=double)
     return tuple(batch)
 
 
@@ -334,18 +337,18 @@ def fully_fused_projection(
     Returns radii (..., C, N, 2), means2d (..., C, N, 2), depths (..., C, N), conics (..., C, N, 3) and compensations
     (..., C, N), which are None without calc_compensations. With `packed`, the results only contain the nnz pairs of a
     camera and a Gaussian whose radii are above 0. batch_ids, camera_ids and gaussian_ids (nnz,) then come first, and
-    the other results have the shape (nnz, ...)."""
+    the other results have the shape (nnz, ...). Tensors may be float64."""
     rows: list[Tensor] = []
     if sparse_grad:
         means, covars, quats, scales = _with_sparse_gradients(packed, rows, means, covars, quats, scales)
     size = whole_number("width", width), whole_number("height", height)
     planes = _planes(near_plane, far_plane)
     eps2d, radius_clip = number("eps2d", eps2d), number("radius_clip", radius_clip)
-    batch = _checked(means, covars, quats, scales, viewmats, Ks, camera_model)
+    batch = _checked(means, covars, quats, scales, viewmats, Ks, camera_model, double=True)
     seen = _projected(means, covars, quats, scales, viewmats, Ks, size, eps2d, planes, camera_model)
     strength = None
     if opacities is not None:
-        check_tensor("opacities", opacities, (*batch, means.shape[-2]), like=means)
+        check_tensor("opacities", opacities, (*batch, means.shape[-2]), like=means, double=True)
         strength = opacities.reshape(-1, 1, means.shape[-2])
         strength = strength * seen.compensation if calc_compensations else strength
     radii = seen.radii(size, strength, radius_clip)
@@ -389,7 +392,7 @@ def rasterization(
     eps2d: float = 0.3,
     sh_degree: Optional[int] = None,
     packed: bool = True,
-    tile_size: int = 16,
+    tile_size: Optional[int] = None,
     backgrounds: Optional[Tensor] = None,
     render_mode: str = "RGB",
     sparse_grad: bool = False,
@@ -411,6 +414,13 @@ def rasterization(
     extra_signals: Optional[Tensor] = None,
     extra_signals_sh_degree: Optional[int] = None,
     *,
+    return_normals: bool = False,
+    global_z_order: bool = True,
+    rays: Optional[Tensor] = None,
+    lidar_coeffs: Any = None,
+    external_distortion_coeffs: Any = None,
+    ut_params: Any = None,
+    renderer_config: Any = None,
     device: DeviceLike = None,
 ) -> tuple[Tensor, Tensor, dict[str, Any]]:
     """Renders Gaussians as seen by C cameras. All tensors get gradients, including Ks and viewmats.
@@ -438,19 +448,25 @@ def rasterization(
     quats, scales and covars are sparse tensors (COO) of the Gaussians that are in an image.
 
     channel_chunk, segmented and tile_size, which determine how gsplat divides its work, have no effect on pixels.
+    tile_size=None means 16. return_normals, global_z_order, rays, lidar_coeffs, external_distortion_coeffs, ut_params
+    and renderer_config are arguments of gsplat 1.6, which must have their default values.
     `device`, which gsplat does not have, is the ubs device that renders: a number, "gpu", or a part of a name."""
     _refuse(
         distributed=distributed, with_ut=with_ut, with_eval3d=with_eval3d,
         radial_coeffs=radial_coeffs, tangential_coeffs=tangential_coeffs, thin_prism_coeffs=thin_prism_coeffs,
         ftheta_coeffs=ftheta_coeffs, rolling_shutter=rolling_shutter, viewmats_rs=viewmats_rs,
+        return_normals=return_normals, rays=rays, lidar_coeffs=lidar_coeffs,
+        external_distortion_coeffs=external_distortion_coeffs, ut_params=ut_params, renderer_config=renderer_config,
     )
+    if not global_z_order:
+        raise UsageError("global_z_order=False is not supported by ubs.gsplat: Gaussians are sorted by their depths")
     check_choice("render_mode", render_mode, get_args(RenderMode))
     check_choice("rasterize_mode", rasterize_mode, get_args(RasterizeMode))
     rows: list[Tensor] = []
     if sparse_grad:
         means, covars, quats, scales = _with_sparse_gradients(packed, rows, means, covars, quats, scales)
     width, height = size = whole_number("width", width), whole_number("height", height)
-    tile_size = whole_number("tile_size", tile_size)
+    tile_size = 16 if tile_size is None else whole_number("tile_size", tile_size)
     channel_chunk = whole_number("channel_chunk", channel_chunk, 2**31 - 1)
     planes = _planes(near_plane, far_plane)
     eps2d, radius_clip = number("eps2d", eps2d), number("radius_clip", radius_clip)

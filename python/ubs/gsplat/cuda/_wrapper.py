@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The functions of gsplat's module of this name. Other names of gsplat are refused when they are called (absent.py).
+PyTorch computes them, so tensors may also be float64.
 
 Sums of products are not written as matrix products, which would lose precision in torch.autocast."""
 
@@ -43,8 +44,8 @@ def quat_scale_to_covar_preci(
     quats (..., 4) begin with w, and may have any length but 0. scales are (..., 3). With `triu`, the results are the
     upper triangles (..., 6). A result that is not requested is None."""
     shape = shape_of("quats", quats, 1)[:-1]
-    check_tensor("quats", quats, (*shape, 4))
-    check_tensor("scales", scales, (*shape, 3), like=quats)
+    check_tensor("quats", quats, (*shape, 4), double=True)
+    check_tensor("scales", scales, (*shape, 3), like=quats, double=True)
 
     def squared(axes: Tensor) -> Tensor:
         matrix = (axes[:, None] * axes[None]).sum(2)
@@ -62,9 +63,9 @@ def world_to_cam(means: Tensor, covars: Tensor, viewmats: Tensor) -> tuple[Tenso
     (..., C, 4, 4), from world to camera. Returns means (..., C, N, 3) and covars (..., C, N, 3, 3)."""
     *batch, n, _ = shape_of("means", means, 2)
     cameras = shape_of("viewmats", viewmats, 3)[-3]
-    check_tensor("means", means, (*batch, n, 3))
-    check_tensor("covars", covars, (*batch, n, 3, 3), like=means)
-    check_tensor("viewmats", viewmats, (*batch, cameras, 4, 4), like=means)
+    check_tensor("means", means, (*batch, n, 3), double=True)
+    check_tensor("covars", covars, (*batch, n, 3, 3), like=means, double=True)
+    check_tensor("viewmats", viewmats, (*batch, cameras, 4, 4), like=means, double=True)
     rotations, shifts = viewmats[..., None, :3, :3], viewmats[..., None, :3, 3]
     points = (rotations * means[..., None, :, None, :]).sum(-1) + shifts
     turned = (rotations[..., None] * covars[..., None, :, None, :, :]).sum(-2)
@@ -79,9 +80,9 @@ def proj(
     in square pixels, without blur. The results of Gaussians behind a camera have no meaning."""
     check_choice("camera_model", camera_model, get_args(CameraModel))
     *batch, n, _ = shape_of("means", means, 3)
-    check_tensor("means", means, (*batch, n, 3))
-    check_tensor("covars", covars, (*batch, n, 3, 3), like=means)
-    check_tensor("Ks", Ks, (*batch, 3, 3), like=means)
+    check_tensor("means", means, (*batch, n, 3), double=True)
+    check_tensor("covars", covars, (*batch, n, 3, 3), like=means, double=True)
+    check_tensor("Ks", Ks, (*batch, 3, 3), like=means, double=True)
     _intrinsics(Ks)
     count, size = math.prod(batch), (whole_number("width", width), whole_number("height", height))
     covars = (covars + covars.transpose(-1, -2)) / 2  # so that the gradients are symmetric matrices

@@ -7,10 +7,21 @@ from dataclasses import dataclass
 from typing import Any, Dict
 
 import torch
+from torch import Tensor
 
 from ..._errors import UsageError
 from .base import Strategy
 from .ops import Optimizers, Parameters, duplicate, remove, reset_opa, split
+
+
+def _maxima(ids: Tensor, values: Tensor) -> tuple[Tensor, Tensor]:
+    """Returns the different ids, and the maximum of the values of each id. PyTorch warns that scatter_reduce_() and
+    index_reduce_() may change."""
+    order = values.argsort()
+    ids, again = ids[order].sort(stable=True)
+    last = torch.ones_like(ids, dtype=torch.bool)
+    last[:-1] = ids[1:] != ids[:-1]
+    return ids[last], values[order][again][last]
 
 
 @dataclass
@@ -122,7 +133,8 @@ class DefaultStrategy(Strategy):
         state["count"].index_add_(0, ids, torch.ones_like(length))
         if "radii" in state:
             side = max(info["width"], info["height"])
-            state["radii"].scatter_reduce_(0, ids, radii.amax(-1) / side, "amax")
+            ids, largest = _maxima(ids, radii.amax(-1) / side)
+            state["radii"][ids] = torch.maximum(state["radii"][ids], largest)
 
     def _grow_gs(
         self, params: Parameters, optimizers: Optimizers, state: Dict[str, Any], step: int

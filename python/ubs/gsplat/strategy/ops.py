@@ -13,6 +13,7 @@ from typing import Any, Callable, Dict, List, MutableMapping, Optional
 import torch
 from torch import Tensor
 
+from ..._errors import UsageError
 from ..relocation import compute_relocation
 from ..rendering import _axes
 
@@ -95,19 +96,30 @@ def _rotated(params: Parameters, indices: Tensor, vectors: Tensor, times: int) -
     return (axes * vectors.T).sum(1).T  # not a matrix product, which would lose precision in torch.autocast
 
 
-def duplicate(params: Parameters, optimizers: Optimizers, state: Dict[str, Any], mask: Tensor) -> None:
+def _refuse_scene(scene: Any) -> None:
+    """`scene` is an argument of gsplat 1.6."""
+    if scene is not None:
+        raise UsageError("scene is not supported by ubs.gsplat: remove it, and pass the parameters instead")
+
+
+def duplicate(
+    params: Parameters, optimizers: Optimizers, state: Dict[str, Any], mask: Tensor, scene: None = None
+) -> None:
     """Appends copies of the Gaussians in `mask`."""
+    _refuse_scene(scene)
     if not bool(mask.any()):
         return
     _replace(params, optimizers, state, _all(params), torch.where(mask)[0], {})
 
 
 def split(
-    params: Parameters, optimizers: Optimizers, state: Dict[str, Any], mask: Tensor, revised_opacity: bool = False
+    params: Parameters, optimizers: Optimizers, state: Dict[str, Any], mask: Tensor, revised_opacity: bool = False,
+    scene: None = None,
 ) -> None:
     """Replaces each Gaussian in `mask` by two that are smaller by a factor of 1.6. Their positions are random samples
     of the Gaussian. All first parts are appended, then all second parts. With `revised_opacity`, both parts get lower
     opacities, so that together they are as opaque as the original Gaussian."""
+    _refuse_scene(scene)
     if not bool(mask.any()):
         return
     chosen = torch.where(mask)[0].repeat(2)
@@ -122,8 +134,11 @@ def split(
     _replace(params, optimizers, state, torch.where(~mask)[0], chosen, changed)
 
 
-def remove(params: Parameters, optimizers: Optimizers, state: Dict[str, Any], mask: Tensor) -> None:
+def remove(
+    params: Parameters, optimizers: Optimizers, state: Dict[str, Any], mask: Tensor, scene: None = None
+) -> None:
     """Removes the Gaussians in `mask`."""
+    _refuse_scene(scene)
     if not bool(mask.any()):
         return
     _replace(params, optimizers, state, torch.where(~mask)[0], torch.where(mask)[0][:0], {})
@@ -149,7 +164,7 @@ def _share(
     copies = torch.bincount(chosen, minlength=len(opacities))
     several = torch.where(copies > 0)[0]
     opacity, scales = compute_relocation(
-        opacities[several], torch.exp(params["scales"][several]), copies[several] + 1, binoms
+        opacities[several], torch.exp(params["scales"][several]), copies[several] + 1, binoms, min_opacity
     )
     opacity = opacity.clamp(min_opacity, 1 - torch.finfo(torch.float32).eps)
     params["opacities"][several] = torch.logit(opacity)
@@ -160,13 +175,14 @@ def _share(
 
 def relocate(
     params: Parameters, optimizers: Optimizers, state: Dict[str, Any], mask: Tensor, binoms: Tensor,
-    min_opacity: float = 0.005,
+    min_opacity: float = 0.005, scene: None = None,
 ) -> None:
     """Moves the Gaussians in `mask` to the positions of others, as copies of these. The others are chosen at random,
     with probabilities that are proportional to their opacities. The chosen Gaussians and their copies get lower
     opacities, of at least `min_opacity`, and smaller scales, so that together they look like the chosen Gaussian did
     before. The optimiser states of all these Gaussians become 0, and so do the rows of the chosen Gaussians in `state`.
     Does nothing if all Gaussians are in `mask`."""
+    _refuse_scene(scene)
     gone, others = torch.where(mask)[0], torch.where(~mask)[0]
     if len(gone) == 0 or len(others) == 0:
         return
@@ -182,10 +198,11 @@ def relocate(
 
 def sample_add(
     params: Parameters, optimizers: Optimizers, state: Dict[str, Any], n: int, binoms: Tensor,
-    min_opacity: float = 0.005,
+    min_opacity: float = 0.005, scene: None = None,
 ) -> None:
     """Appends `n` copies of Gaussians, which are chosen and changed as in relocate(). The new rows of the tensors in
     `state` are 0."""
+    _refuse_scene(scene)
     with torch.no_grad():
         chosen = _share(params, optimizers, _all(params), n, binoms, min_opacity)
     _replace(params, optimizers, {}, _all(params), chosen, {})
@@ -195,12 +212,16 @@ def sample_add(
 
 
 def inject_noise_to_position(
-    params: Parameters, optimizers: Optimizers, state: Dict[str, Any], scaler: float, *, t: float = 0.005,
-    k: float = 100.0,
+    params: Parameters, optimizers: Optimizers, state: Dict[str, Any], noise_scale: Optional[float] = None, *,
+    scaler: Optional[float] = None, t: float = 0.005, k: float = 100.0,
 ) -> None:
     """Adds normally distributed noise to the positions. Its covariance matrix is the square of the covariance matrix of
-    the Gaussian, times the square of the factor scaler * sigmoid(k * (t - opacity))."""
+    the Gaussian, times the square of the factor noise_scale * sigmoid(k * (t - opacity)). `scaler` is the name that
+    noise_scale has in gsplat 1.5."""
+    if (noise_scale is None) == (scaler is None):
+        raise UsageError("pass noise_scale, or scaler, which is its earlier name")
+    factor = scaler if noise_scale is None else noise_scale
     with torch.no_grad():
-        loose = torch.sigmoid(k * (t - torch.sigmoid(params["opacities"].flatten()))) * scaler
+        loose = torch.sigmoid(k * (t - torch.sigmoid(params["opacities"].flatten()))) * factor
         noise = torch.randn_like(params["means"]) * loose[:, None]
         params["means"].add_(_rotated(params, _all(params), noise, 2))
