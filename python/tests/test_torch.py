@@ -222,6 +222,27 @@ def test_splats_can_be_copied_and_saved(data: ubs.Dataset, tmp_path: Path) -> No
     assert all(torch.equal(a, b) for a, b in zip(fresh(camera), expected))
 
 
+def test_parameters_of_another_number_of_splats_can_be_loaded(data: ubs.Dataset) -> None:
+    """Tests checkpoints that were written after density control."""
+    splats = ubs.torch.Splats(ubs.train(data, iterations=5, init_points=200, dim=6))
+    splats.rgb.requires_grad_(False)
+    expected = splats(data.test[0].camera)
+    whole = torch.nn.ModuleDict({"scene": splats}).state_dict()
+    for count in (3, 500):
+        fresh = ubs.torch.Splats(ubs.Model.empty(6, count))
+        fresh.rgb.requires_grad_(False)
+        torch.nn.ModuleDict({"scene": fresh}).load_state_dict(whole)
+        assert all(torch.equal(a, b) for a, b in zip(fresh(data.test[0].camera), expected))
+        assert fresh.xyz.requires_grad and not fresh.rgb.requires_grad and len(fresh.model()) == len(splats.model())
+    wrong = splats.state_dict()
+    wrong["xyz"] = wrong["xyz"][1:]
+    for state in (wrong, {**splats.state_dict(), "opacity": torch.zeros(len(splats.xyz), 2)}):
+        with pytest.raises(RuntimeError, match="size mismatch"):
+            ubs.torch.Splats(ubs.Model.empty(6, 4)).load_state_dict(state)
+    with pytest.raises(RuntimeError, match="Missing key"):
+        ubs.torch.Splats(ubs.Model.empty(6, 4)).load_state_dict({"xyz": splats.xyz})
+
+
 def test_functions_of_raw_parameters(data: ubs.Dataset) -> None:
     camera = data.test[0].camera
     forms: list[dict[str, object]] = [

@@ -4,9 +4,11 @@ guarantees that only the package makes, for example about copies, threads and ex
 
 from __future__ import annotations
 
+import base64
 import copy
 import ctypes
 import gc
+import io
 import json
 import multiprocessing
 import os
@@ -388,6 +390,57 @@ def test_data_can_be_pickled_and_iterated(folder: Path, data: ubs.Dataset) -> No
     start = [ubs.Model.initial(d, dim=3).parameters for d in (made, pickle.loads(pickle.dumps(made)))]
     assert np.array_equal(start[0]["xyz"], [[0, 0, 1], [1, 2, 3]])
     assert all(np.array_equal(start[0][name], start[1][name]) for name in start[0])
+
+
+def test_a_pickled_view_needs_no_data(data: ubs.Dataset, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Tests that a view is pickled with its own pixels, and that reading them opens no data set."""
+    made = ubs.Dataset()
+    camera = data.train[0].camera
+    for k in range(20):
+        made.add_view("train", camera, np.full((40, 40, 3), k, np.uint8), mask=np.eye(40) if k == 3 else None)
+    made.add_view("test", camera, name="no image")
+    views = [*made, data.test[0]]
+    texts = [pickle.dumps(view) for view in views]
+    assert max(map(len, texts)) < 40 * 40 * 5
+    for name in ("data_open", "data_create", "data_get_image"):
+        monkeypatch.delitem(ubs._abi._functions, name)
+    again = [pickle.loads(text) for text in texts]
+    assert [(view.name, view.camera) for view in again] == [(view.name, view.camera) for view in views]
+    assert [view.image.max() for view in again[:20]] == list(range(20))
+    assert again[3].has_mask and again[3].mask.sum() == 40 * 255 and not again[2].has_mask and again[2].mask.min() == 255
+    again[3].image[:] = 9  # each access returns an array of its own
+    assert again[3].image.max() == 3
+    with pytest.raises(ubs.DataError, match="no image"):
+        again[20].image
+    assert copy.deepcopy(views[0]) is copy.copy(views[0]) is views[0]
+    monkeypatch.undo()
+    assert np.array_equal(again[21].image, data.test[0].image)
+
+
+def test_notebooks_show_pictures(data: ubs.Dataset, model: ubs.Model) -> None:
+    read = pytest.importorskip("matplotlib.image", reason="SKIPPED: matplotlib is not installed").imread
+
+    def shown(file: bytes) -> Any:
+        return np.rint(255 * read(io.BytesIO(file))).astype(np.uint8)
+
+    view = data.test[0]
+    assert np.array_equal(shown(view._repr_png_()), view.image)
+    image = model.renderer().render(view.camera)
+    assert np.array_equal(shown(image._repr_png_()), np.rint(255 * np.clip(image.rgb, 0, 1)).astype(np.uint8))
+    more = ubs.Model.empty(8, 50)  # has a further query value
+    more.parameters["xyz"] = np.random.default_rng(1).normal(size=(50, 3))
+    for other in (model, ubs.Model.initial(data, dim=3), more):
+        text = other._repr_html_()
+        source = re.fullmatch(r'<img src="data:image/png;base64,(.*)"><br>&lt;ubs.Model: .*', text)
+        picture = shown(base64.b64decode(source[1]))
+        assert picture.shape == (256, 256, 3)
+        assert other is more or picture[64:192, 64:192].std() > 1  # the opacities of `more` are nearly 0
+    made = ubs.Dataset()
+    made.add_view("test", view.camera)
+    assert made.test[0]._repr_png_() is None
+    broken = model.copy()
+    broken.parameters["xyz"][0, 0] = np.nan
+    assert broken._repr_html_() is None  # the notebook then shows repr()
 
 
 def test_other_processes_get_models_and_views(data: ubs.Dataset, model: ubs.Model) -> None:

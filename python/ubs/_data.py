@@ -13,7 +13,8 @@ import numpy as np
 import numpy.typing as npt
 
 from . import _abi
-from ._errors import UsageError
+from ._errors import DataError, UsageError
+from ._png import png
 from ._settings import Settings
 
 FloatArray = npt.NDArray[np.float32]
@@ -155,15 +156,24 @@ class Camera:
         )
 
 
+@dataclass(frozen=True, eq=False)
+class _Pixels:
+    """The image and the mask of an unpickled view, or None for each."""
+
+    rgb: ByteArray | None
+    mask: ByteArray | None
+
+
 @dataclass(frozen=True)
 class View:
-    """A view of a data set: its name, its camera, and its image and mask if they exist."""
+    """A view of a data set: its name, its camera, and its image and mask if they exist. A pickled view contains its
+    image and its mask, so processes that get it need not open the data set."""
 
     name: str
     camera: Camera
     has_image: bool
     has_mask: bool
-    _data: Dataset = field(repr=False)
+    _data: Dataset | _Pixels = field(repr=False)
     _split: str = field(repr=False)
     _index: int = field(repr=False)
 
@@ -180,6 +190,11 @@ class View:
 
     def _load(self) -> tuple[ByteArray, ByteArray]:
         size = (self.camera.height, self.camera.width)
+        if isinstance(self._data, _Pixels):
+            if self._data.rgb is None:
+                raise DataError(f"view '{self.name}' has no image")
+            kept = self._data.mask
+            return self._data.rgb.copy(), np.full(size, 255, np.uint8) if kept is None else kept.copy()
         rgb, mask = np.empty((*size, 3), np.uint8), np.empty(size, np.uint8)
         _abi.call(
             "data_get_image",
@@ -190,6 +205,21 @@ class View:
             c_pointer(mask),
         )
         return rgb, mask
+
+    def __reduce_ex__(self, _protocol: Any) -> Any:
+        rgb, mask = self._load() if self.has_image else (None, None)
+        pixels = _Pixels(rgb, mask if self.has_mask else None)
+        return View, (self.name, self.camera, self.has_image, self.has_mask, pixels, self._split, self._index)
+
+    def __copy__(self) -> View:
+        return self  # cannot be changed
+
+    def __deepcopy__(self, _memo: Any) -> View:
+        return self
+
+    def _repr_png_(self) -> bytes | None:
+        """The image, for notebooks."""
+        return png(self.image) if self.has_image else None
 
 
 class Dataset(_abi.Handle):

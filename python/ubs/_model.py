@@ -3,7 +3,9 @@
 
 from __future__ import annotations
 
+import base64
 import ctypes
+import html
 import os
 import tempfile
 import threading
@@ -19,8 +21,9 @@ from . import _abi
 from ._data import Camera, Dataset, FloatArray, c_pointer, check_range, checked_camera, floats
 from ._device import Device, DeviceLike, opened
 from ._dlpack import DeviceArray
-from ._errors import UsageError
+from ._errors import Error, UsageError
 from ._falloff import Falloff, as_falloff
+from ._png import png
 from ._settings import Settings
 
 PIXEL_GRADIENTS = "v_rgb", "v_alpha", "v_depth"  # names of arrays and of arguments of Renderer.vjp()
@@ -36,6 +39,10 @@ class Image:
     """The opacity of each pixel (H, W), from 0 to 1."""
     depth: FloatArray | None
     """The expected depth of each pixel (H, W) in units of the world, or None if it was not requested."""
+
+    def _repr_png_(self) -> bytes:
+        """The colours, for notebooks."""
+        return png(self.rgb)
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,6 +145,28 @@ class Model(_abi.Handle):
 
     def __repr__(self) -> str:
         return f"<ubs.Model: {len(self)} splats, N = {self.dim}, form {self.form}>"
+
+    def _repr_html_(self) -> str | None:
+        """A picture of the splats as seen from outside, with z upwards, for notebooks."""
+        if len(self) == 0:
+            return None
+        try:
+            image = self.render(self._camera_outside())
+        except Error:  # for example, because there is no device
+            return None
+        source = base64.b64encode(png(image)).decode()
+        return f'<img src="data:image/png;base64,{source}"><br>{html.escape(repr(self))}'
+
+    def _camera_outside(self, side: int = 256) -> Camera:
+        points = np.concatenate([group["xyz"] for group in self._values()]) + self.offset
+        middle = np.median(points, axis=0)
+        radius = float(np.quantile(np.linalg.norm(points - middle, axis=1), 0.8)) or 1.0
+        forward = np.array([-1, 1, -0.6]) / np.linalg.norm([-1, 1, -0.6])
+        right = np.cross(forward, [0, 0, 1]) / np.linalg.norm(np.cross(forward, [0, 0, 1]))
+        rotation = np.stack([right, np.cross(forward, right), forward])
+        shift = -rotation @ (middle - 3 * radius * forward)
+        matrix = np.concatenate([rotation, shift[:, None]], axis=1)
+        return Camera(matrix, side, side, side / 2, side / 2, side, side, extra=(0.0,) * 4)
 
     def save(self, path: os.PathLike[str] | str, format: str | None = None, time: float = 0.0) -> None:
         """Saves the model. `format` is a name that `ubs convert --to` accepts, for example "spz" or "3dgs". "ubs" saves

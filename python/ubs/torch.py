@@ -285,6 +285,20 @@ class Splats(torch.nn.Module):
         not between 0.9 and 1.1."""
         return _rendered(self._drawing, camera, pose, intrinsics, time, self._tensors())
 
+    def _load_from_state_dict(self, state_dict: dict[str, Any], prefix: str, *rest: Any) -> None:
+        """Lets load_state_dict() load parameters of another number of splats, as density control creates them. It then
+        replaces the parameters, so optimisers must be created afterwards."""
+        given = {name: state_dict.get(prefix + name) for name in self._drawing.names}
+        counts = {len(tensor) if isinstance(tensor, Tensor) and tensor.dim() == 2 else -1 for tensor in given.values()}
+        count = counts.pop()
+        if not counts and count >= 0:  # otherwise the sizes do not fit, which PyTorch reports
+            for name in given:
+                own: torch.nn.Parameter = getattr(self, name)
+                if len(own) != count:
+                    room = own.detach().new_empty((count, own.shape[1]))
+                    setattr(self, name, torch.nn.Parameter(room, requires_grad=own.requires_grad))
+        super()._load_from_state_dict(state_dict, prefix, *rest)
+
     def model(self) -> Model:
         """Returns a copy of the model with the current values of the parameters."""
         with self._drawing.lock:
