@@ -309,13 +309,13 @@ def test_poses_may_be_larger_matrices_and_not_quite_rotations(data: ubs.Dataset)
     crooked = four[:3] + 0.02 * torch.randn(3, 4, dtype=torch.float64)
     pose = crooked.clone().requires_grad_()
     splats(camera, pose=pose)[0].sum().backward()
-    from ubs.torch import _polar
+    from ubs._drawing import polar
 
     def nearest(matrix: np.ndarray) -> np.ndarray:
         u, _, vt = np.linalg.svd(matrix)
         return u @ vt
 
-    stretch, rotation = _polar(crooked.numpy()[:, :3])
+    stretch, rotation = polar(crooked.numpy()[:, :3])
     assert np.allclose(stretch @ rotation, crooked[:, :3]) and np.allclose(rotation, nearest(crooked[:, :3].numpy()))
     renderer = ubs.Renderer(model, gradients=True)
     seen = replace(camera, world_to_camera=np.c_[rotation, crooked[:, 3]])

@@ -21,7 +21,6 @@ a model must have the same dimension."""
 from __future__ import annotations
 
 import threading
-from dataclasses import replace
 from typing import Any, Mapping, Sequence, cast
 
 import numpy as np
@@ -31,10 +30,10 @@ from torch import Tensor
 from ._abi import integer
 from ._data import Camera, FloatArray, checked_camera
 from ._device import DeviceLike, opened
-from ._drawing import Drawing
+from ._drawing import VIEW_SHAPES, Drawing, check_view_shape, seen, v_view
 from ._errors import NumericalError, UsageError
 from ._falloff import Falloff, as_falloff
-from ._model import CameraGradient, Model
+from ._model import Model
 from ._raster import draw as _draw_ellipses
 from ._raster import extremes, first_order, gradients_on_device, is_finite
 from ._settings import as_text
@@ -131,65 +130,17 @@ def _differentiate(
     return [part.T.clone(memory_format=torch.contiguous_format) for part in parts]
 
 
-# The singular values of the rotation matrix of a pose must differ from 1 by less than this value. Other matrices are
-# probably wrong.
-MOST_STRETCH = 0.1
-
-
-def _values(tensor: Tensor, what: str, *shapes: tuple[int, ...]) -> np.ndarray[Any, np.dtype[np.float64]]:
+def _values(tensor: Tensor | None, what: str) -> Any:
+    if tensor is None:
+        return None
     if not isinstance(tensor, Tensor):
         raise UsageError(f"{what} must be a torch.Tensor, not {type(tensor).__name__}")
-    if tuple(tensor.shape) not in shapes:
-        raise UsageError(f"{what} has the shape {tuple(tensor.shape)}, not {' or '.join(map(str, shapes))}")
-    values: np.ndarray[Any, np.dtype[np.float64]] = tensor.detach().double().cpu().numpy()
-    return values
+    check_view_shape(what, tuple(tensor.shape))
+    return tensor.detach().double().cpu().numpy()
 
 
-def _polar(matrix: Any) -> tuple[Any, Any]:
-    """Decomposes a matrix (3, 3) into a symmetric matrix S and the nearest rotation Q, with S Q = matrix. If the matrix
-    is a rotation up to rounding, or is far from a rotation, S is the identity and Q is the unchanged matrix."""
-    u, stretch, vt = np.linalg.svd(matrix)
-    error = np.abs(stretch - 1).max()
-    if not 1e-6 < error < MOST_STRETCH or np.linalg.det(u @ vt) < 0:
-        return np.eye(3), matrix
-    return u @ np.diag(stretch) @ u.T, u @ vt
-
-
-def _seen(camera: Camera, pose: Tensor | None, intrinsics: Tensor | None, time: Tensor | None) -> Camera:
-    if pose is not None:
-        matrix = _values(pose, "pose", (3, 4), (4, 4)).copy()
-        matrix[:3, :3] = _polar(matrix[:3, :3])[1]
-        camera = replace(camera, world_to_camera=matrix)
-    if intrinsics is not None:
-        k = _values(intrinsics, "intrinsics", (4,), (3, 3))
-        camera = replace(Camera.from_matrix(camera.world_to_camera, k, camera.width, camera.height, camera.time),
-                         extra=camera.extra)
-    return camera if time is None else camera.at(float(_values(time, "time", (), (1,)).reshape(())))
-
-
-def _v_pose(pose: Tensor, gradient: CameraGradient) -> Any:
-    """Returns the gradient with respect to the matrix M of a pose. M = S Q, where Q is the nearest rotation, and the
-    image was rendered with Q. A change dM changes Q by dQ = [w] Q with (tr(S) - S) w = axial(dM Q^T - Q dM^T)."""
-    stretch, rotation = _polar(pose.detach().double().cpu().numpy()[:3, :3])
-    v = np.zeros(tuple(pose.shape))
-    v[:3] = gradient.world_to_camera
-    x = v[:3, :3] @ rotation.T
-    v_w = np.array([x[2, 1] - x[1, 2], x[0, 2] - x[2, 0], x[1, 0] - x[0, 1]])
-    if not np.array_equal(stretch, np.eye(3)):
-        a, b, c = np.linalg.solve(np.trace(stretch) * np.eye(3) - stretch, v_w)
-        v[:3, :3] = np.array([[0, -c, b], [c, 0, -a], [-b, a, 0]]) @ rotation
-    return v
-
-
-def _v_intrinsics(intrinsics: Tensor, gradient: CameraGradient) -> Any:
-    if tuple(intrinsics.shape) == (4,):
-        return gradient.intrinsics
-    fx, fy, cx, cy = gradient.intrinsics
-    return np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 0]])
-
-
-def _v_time(_time: Tensor, gradient: CameraGradient) -> Any:
-    return gradient.time
+def _view_values(view: Sequence[Tensor | None]) -> list[Any]:
+    return [_values(tensor, what) for tensor, what in zip(view, VIEW_SHAPES)]
 
 
 class _Render(torch.autograd.Function):
@@ -200,7 +151,7 @@ class _Render(torch.autograd.Function):
     def forward(ctx: Any, *inputs: Any, **_: Any) -> tuple[Tensor, ...]:
         recorded, drawing, camera, *ctx.view = inputs[:6]
         parameters: tuple[Tensor, ...] = inputs[6:]
-        ctx.drawing, ctx.camera = drawing, _seen(camera, *ctx.view)
+        ctx.drawing, ctx.camera = drawing, seen(camera, *_view_values(ctx.view))
         ctx.save_for_backward(*parameters)
         ctx.set_materialize_grads(False)
         ctx.reason = object() if recorded and any(ctx.needs_input_grad) else None
@@ -212,16 +163,14 @@ class _Render(torch.autograd.Function):
     def backward(ctx: Any, *v_pictures: Tensor | None) -> tuple[Any, ...]:
         drawing: Drawing = ctx.drawing
         view: list[Tensor | None] = [None, None, None]
-        seen = any(t is not None and t.requires_grad for t in ctx.view)
+        wanted = any(t is not None and t.requires_grad for t in ctx.view)
         with drawing.lock:
             found = _differentiate(drawing, ctx.camera, ctx.saved_tensors, v_pictures, ctx.reason)
-            camera = drawing.renderer.camera_gradient() if seen else None
+            camera = drawing.renderer.camera_gradient() if wanted else None
         if camera is not None:
-            for k, of in enumerate((_v_pose, _v_intrinsics, _v_time)):
-                given = ctx.view[k]
+            for k, (given, v) in enumerate(zip(ctx.view, v_view(*_view_values(ctx.view), camera))):
                 if given is not None:
-                    values = torch.as_tensor(of(given, camera), dtype=given.dtype, device=given.device)
-                    view[k] = values.reshape(given.shape)
+                    view[k] = torch.as_tensor(v, dtype=given.dtype, device=given.device)
         return (None, None, None, *view, *found)
 
 
