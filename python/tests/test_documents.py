@@ -65,3 +65,11 @@ def test_examples_of_c(place: Path) -> None:
         f"#include <stdio.h>\n#include <ubs/ubs.h>\n{function};\n{function} {{\n{examples('library.md', 'c')[0]}}}\n"
     )
     subprocess.run(["cc", "-std=c99", *options, "-fsyntax-only", "main.c"], check=True)
+
+
+def test_tests_of_statements_exist() -> None:
+    """Tests that the functions exist that docs/python.md names as tests of its statements."""
+    table = (ROOT / "docs" / "python.md").read_text().partition("## Tests")[2]
+    named = re.findall(r"`(test_\w+)`", table)
+    sources = "".join(path.read_text() for path in (ROOT / "python" / "tests").glob("test_*.py"))
+    assert len(named) > 50 and not [name for name in named if f"def {name}(" not in sources]

@@ -445,7 +445,8 @@ def test_harmonics_of_all_cameras() -> None:
 
 def test_rasterization_has_the_arguments_of_gsplat_1_6() -> None:
     """Tests that their default values are accepted, and that others are refused."""
-    splats = (torch.zeros(1, 3), torch.tensor([[1.0, 0, 0, 0]]), torch.full((1, 3), 0.1), torch.ones(1), torch.ones(1, 3))
+    turn, size = torch.tensor([[1.0, 0, 0, 0]]), torch.full((1, 3), 0.1)
+    splats = (torch.zeros(1, 3), turn, size, torch.ones(1), torch.ones(1, 3))
     view = (torch.eye(4)[None] + torch.tensor([[0.0, 0, 0, 0], [0, 0, 0, 0], [0, 0, 0, 2], [0, 0, 0, 0]]),
             torch.tensor([[[8.0, 0, 4], [0, 8, 4], [0, 0, 1]]]), 8, 8)
     default = {"tile_size": None, "return_normals": False, "global_z_order": True, "rays": None, "lidar_coeffs": None,

@@ -118,8 +118,8 @@ def wait_for_calls() -> None:
 def test_ctrl_c_is_served_while_the_library_works(
     folder: Path, name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Replaces a function of the library by one that ends only after Ctrl-C has been served. Earlier versions would wait
-    for it forever."""
+    """Replaces a function of the library by one that ends only after Ctrl-C has been served. Earlier versions would
+    wait for it forever."""
     data = ubs.Dataset.open(folder)
     ubs.devices()
     began, served = threading.Event(), threading.Event()

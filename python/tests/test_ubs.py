@@ -279,6 +279,55 @@ def test_metrics(data: ubs.Dataset) -> None:
         ubs.metrics.lpips(truth, image)
 
 
+def test_each_test_view_is_measured(data: ubs.Dataset) -> None:
+    trainer = ubs.Trainer(data, **SETTINGS)
+    trainer.run(20)
+    views, mean = trainer.evaluate_views(), trainer.evaluate()
+    assert list(views) == [view.name for view in data.test]
+    assert np.mean([found.psnr for found in views.values()]) == pytest.approx(mean.psnr)
+    renderer = ubs.Renderer(trainer.model)
+    for view in data.test:
+        expected = ubs.metrics.measure(view.image, renderer.render(view.camera).rgb)
+        # The trainer scales lengths. The largest errors observed on a CPU are 3.6e-7 dB and 0.
+        assert views[view.name].psnr == pytest.approx(expected.psnr, rel=0, abs=7e-7)
+        assert views[view.name].ssim == pytest.approx(expected.ssim, rel=0, abs=1e-7)
+        assert views[view.name].lpips_alex is None
+    with pytest.raises(ubs.UsageError, match="weights"):
+        trainer.evaluate(networks=["alex"], weights="")
+    with pytest.raises(ubs.UsageError, match="must be a list of names"):
+        trainer.evaluate_views(networks="alex")
+    weights = Path(os.environ.get("UBS_TEST_DATA") or Path(__file__).parents[3] / "shared" / "data") / "lpips_weights"
+    if not weights.exists():
+        return
+    large = ubs.synth("glossy", size=64, views=2, test_views=2, supersampling=1)  # LPIPS needs 31 pixels or more
+    trainer = ubs.Trainer(large, **SETTINGS)
+    found = trainer.evaluate_views(networks=["alex"], weights=weights)
+    renderer = ubs.Renderer(trainer.model)
+    for view in large.test:
+        expected = ubs.metrics.measure(
+            view.image, renderer.render(view.camera).rgb, networks=["alex"], weights=weights
+        )
+        # The largest errors observed on a CPU are 1.1e-7 and 5.5e-8.
+        assert found[view.name].lpips_alex == pytest.approx(expected.lpips_alex, rel=0, abs=2.2e-7)
+        assert found[view.name].ssim_valid == pytest.approx(expected.ssim_valid, rel=0, abs=1.1e-7)
+    assert trainer.evaluate(networks=["alex"], weights=weights).lpips_alex > 0.01
+
+
+def test_a_kept_image_is_differentiated(
+    data: ubs.Dataset, model: ubs.Model, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Tests that vjp(None, ...) differentiates the image of draw() or render() without rendering it again."""
+    camera, v_rgb = data.test[0].camera, np.random.default_rng(4).normal(size=(40, 40, 3))
+    expected = ubs.vjp(model, camera, v_rgb)
+    renderer = ubs.Renderer(model, gradients=True)
+    for draw in (renderer.draw, renderer.render):
+        draw(camera, for_gradient=True)
+        with monkeypatch.context() as patch:
+            patch.delitem(ubs._abi._functions, "renderer_draw")
+            found = renderer.vjp(None, v_rgb)[0]
+        assert all(np.array_equal(found[name], expected[name]) for name in expected)
+
+
 def test_lpips_has_the_values_of_the_published_networks(monkeypatch: pytest.MonkeyPatch) -> None:
     shared = Path(__file__).parents[3] / "shared" / "data"
     folder = Path(os.environ.get("UBS_TEST_DATA") or shared) / "lpips_weights"
@@ -407,7 +456,8 @@ def test_a_pickled_view_needs_no_data(data: ubs.Dataset, monkeypatch: pytest.Mon
     again = [pickle.loads(text) for text in texts]
     assert [(view.name, view.camera) for view in again] == [(view.name, view.camera) for view in views]
     assert [view.image.max() for view in again[:20]] == list(range(20))
-    assert again[3].has_mask and again[3].mask.sum() == 40 * 255 and not again[2].has_mask and again[2].mask.min() == 255
+    assert again[3].has_mask and again[3].mask.sum() == 40 * 255
+    assert not again[2].has_mask and again[2].mask.min() == 255
     again[3].image[:] = 9  # each access returns an array of its own
     assert again[3].image.max() == 3
     with pytest.raises(ubs.DataError, match="no image"):

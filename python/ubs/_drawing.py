@@ -66,8 +66,10 @@ def _v_pose(pose: Any, gradient: CameraGradient) -> Any:
     return v
 
 
-def v_view(pose: Any, intrinsics: Any, time: Any, gradient: CameraGradient) -> list[Any]:
-    """Returns the gradients with respect to the arguments of seen(). They are None where the arguments are."""
+def v_view(view: Sequence[Any], gradient: CameraGradient) -> list[Any]:
+    """Returns the gradients with respect to `view`, the pose, the intrinsics and the time that seen() has got. They are
+    None where these are None."""
+    pose, intrinsics, time = view
     found: list[Any] = [None, None, None]
     if pose is not None:
         found[0] = _v_pose(pose, gradient)

@@ -221,7 +221,8 @@ class Trainer(_abi.Handle):
 
 
 class _Lines:
-    """Reports the progress of a training in lines of text: at each tenth of the iterations, and at least every minute."""
+    """Reports the progress of a training in lines of text: at each tenth of the iterations, and at least every
+    minute."""
 
     def __init__(self) -> None:
         self._tenths, self._time = 0, time.monotonic()
@@ -284,8 +285,8 @@ def train(
     ubs.settings() lists them. Use Trainer to run other code between iterations. As in the published method, gradients
     do not include the path through the view direction, unless query_grad is True.
 
-    Without `on_step`, reports the progress on stderr: with a progress bar of tqdm in terminals and notebooks, if tqdm is
-    installed, and otherwise with lines of text.
+    Without `on_step`, reports the progress on stderr: with a progress bar of tqdm in terminals and notebooks, if tqdm
+    is installed, and otherwise with lines of text.
 
     If an exception ends the training, for example KeyboardInterrupt after Ctrl-C, or an exception of `on_step`, it has
     the attribute `trainer`. This is the Trainer: its `model` is the model so far, and its run() continues the training.

@@ -1,16 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Provides rendering as a differentiable function of JAX. The function can be used in jax.jit.
+"""Provides rendering as a differentiable function of JAX. The function can be used in jax.jit and jax.vmap.
 
     import ubs, ubs.jax
     splats = ubs.jax.Splats(ubs.Model.initial(data, dim=6))
-    view = splats.view(camera)                       # a function; view(parameters, pose=pose) has a gradient of the pose
+    view = splats.view(camera)                       # a function
     parameters = splats.parameters()                 # {"xyz": (splats, 3), ...}
     jax.grad(lambda p: my_loss(*view(p)))(parameters)
+    jax.grad(lambda m: my_loss(*view(parameters, pose=m)))(pose)
 
 Values are copied through host memory. jax.vmap renders one view after the other. Only reverse-mode derivatives of first
 order are supported, such as those of jax.grad and jax.vjp: jax.jvp, jax.jacfwd and jax.hessian raise TypeError. The
-derivatives are those with respect to the parameters and to the values of the camera that are passed as arrays. They include the path through the view direction, because the image depends on it. `ubs train` ignores this
-path. With the setting query_grad=False, it is ignored here, too."""
+derivatives are those with respect to the parameters, and to the values of the camera that are passed as arrays. They
+include the path through the view direction, because the image depends on it. `ubs train` ignores this path. With the
+setting query_grad=False, it is ignored here, too."""
 
 from __future__ import annotations
 
@@ -62,13 +64,13 @@ class Splats:
         return [np.asarray(parameters[name]) for name in self._drawing.names]
 
     def view(self, camera: Camera) -> Callable[..., tuple[Any, ...]]:
-        """Returns a function f(parameters, pose=None, intrinsics=None, time=None) that renders this camera. The function
-        returns rgb (H, W, 3), which is not clamped, alpha (H, W), and, if the object was created with depth=True, depth
-        (H, W).
+        """Returns a function f(parameters, pose=None, intrinsics=None, time=None) that renders this camera. The
+        function returns rgb (H, W, 3), which is not clamped, alpha (H, W), and, if the object was created with
+        depth=True, depth (H, W).
 
-        The arrays `pose`, `intrinsics` and `time` replace the values of the camera, and get gradients. The shape of pose
-        is (3, 4) or (4, 4). intrinsics are fx, fy, cx and cy (4,), or a matrix (3, 3). If the matrix of the pose is not
-        exactly a rotation, the nearest rotation is used for the image and its gradient."""
+        The arrays `pose`, `intrinsics` and `time` replace the values of the camera, and get gradients. The shape of
+        pose is (3, 4) or (4, 4). intrinsics are fx, fy, cx and cy (4,), or a matrix (3, 3). If the matrix of the pose
+        is not exactly a rotation, the nearest rotation is used for the image and its gradient."""
         size = (checked_camera(camera).height, camera.width)
         shapes = [(*size, 3), size, size][: 3 if self._depth else 2]
         pictures = tuple(jax.ShapeDtypeStruct(shape, np.float32) for shape in shapes)
@@ -92,7 +94,7 @@ class Splats:
                 if all(x is None for x in given):
                     return found, given
                 gradient = self._drawing.renderer.camera_gradient()
-            v_given = zip(given, v_view(*_numbers(given), gradient))
+            v_given = zip(given, v_view(_numbers(given), gradient))
             return found, tuple(None if x is None else np.asarray(v_x, x.dtype) for x, v_x in v_given)
 
         def rendered(parameters: Parameters, given: Given) -> Any:

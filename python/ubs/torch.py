@@ -168,7 +168,7 @@ class _Render(torch.autograd.Function):
             found = _differentiate(drawing, ctx.camera, ctx.saved_tensors, v_pictures, ctx.reason)
             camera = drawing.renderer.camera_gradient() if wanted else None
         if camera is not None:
-            for k, (given, v) in enumerate(zip(ctx.view, v_view(*_view_values(ctx.view), camera))):
+            for k, (given, v) in enumerate(zip(ctx.view, v_view(_view_values(ctx.view), camera))):
                 if given is not None:
                     view[k] = torch.as_tensor(v, dtype=given.dtype, device=given.device)
         return (None, None, None, *view, *found)
