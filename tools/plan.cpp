@@ -87,14 +87,14 @@ int plan_train(const PlanOptions& options) {
   const TrainSettings settings = run->plan().recorded();
   if (options.json) {
     Json json = planned_json(options, settings, *device, plan);
-    json["budget_seconds"] = run->has_budget() ? Json(run->budget_from(0).seconds) : Json();
+    json["budget_seconds"] = run->time_limit() > 0 ? Json(run->time_limit()) : Json();
     print_json(json);
     return 0;
   }
-  if (run->has_budget())
+  if (run->time_limit() > 0)
     say("schedule   {} iterations, at most {} splats\n"
         "           'ubs train' shortens this schedule if it would take longer than {}\n",
-        settings.iterations, settings.cap_max, duration_text(run->budget_from(0).seconds));
+        settings.iterations, settings.cap_max, duration_text(run->time_limit()));
   say_plan(*device, plan);
   return 0;
 }

@@ -6,7 +6,7 @@
 #include <filesystem>
 #include <memory>
 
-#include "host/api/same_run.hpp"
+#include "host/run/same_run.hpp"
 #include "host/run/open_data.hpp"
 #include "host/run/proved_device.hpp"
 #include "host/run/run_cameras.hpp"

@@ -170,7 +170,9 @@ void say_schedule(const TrainingRun& run, const TimeBudget& budget, bool asked) 
                         duration_text(budget.seconds))
           : "",
       settings.cap_max);
-  if (!asked) say("         (--budget TIME or --iterations N for another length, --schedule published)\n");
+  if (!asked)
+    say("         (--budget TIME or --iterations N for another length; --schedule published for the published "
+        "rates)\n");
   if (const std::string sizes = sizes_text(pyramid_levels(settings, run.train())); !sizes.empty())
     say("images   {}\n", sizes);
   flush_out();
@@ -308,7 +310,7 @@ int run(const TrainOptions& options) {
   // The time of checking the device and of compiling kernels does not count, because the results are stored
   // for later runs.
   const auto spent = [&] { return since_start.seconds() - proof_seconds - build_seconds; };
-  const bool chooses_length = !resumes && run.has_budget();
+  const bool chooses_length = !resumes && run.time_limit() > 0;
   if (chooses_length && ranks().size() == 1) {
     if (options.talkative()) {
       say("steps    being measured, to choose the number of iterations\n");

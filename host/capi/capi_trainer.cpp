@@ -177,12 +177,12 @@ ubs_status ubs_trainer_create(ubs_device* device, const ubs_data* data, const ub
       compiling += watch.seconds();
     };
     const auto spent = [&] { return since_start.seconds() - compiling; };
-    if (run.has_budget()) run.fit_to_budget(opened, warm_up, spent);
+    if (run.time_limit() > 0) run.fit_to_budget(opened, warm_up, spent);
     const SplatModel first = initial ? as_first(initial->loaded, run) : run.initial();
     t.identity = identity(run.plan().recorded(), data->set->report.folder, run.data_print(), opened);
     warm_up(run.plan(), first);
     Trainer& trainer = run.start(opened, first);
-    if (run.has_budget()) trainer.keep_to(run.budget_from(spent()));
+    if (run.time_limit() > 0) trainer.keep_to(run.budget_from(spent()));
     return created;
   });
 }

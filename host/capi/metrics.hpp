@@ -3,7 +3,7 @@
 // object that compares images.
 #pragma once
 
-#include "host/api/image_comparison.hpp"
+#include "host/model/image_comparison.hpp"
 #include "host/capi/handles.hpp"
 #include <memory>
 #include <optional>

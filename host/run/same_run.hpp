@@ -7,7 +7,7 @@
 
 #include "host/cluster/communicator.hpp"
 #include "host/device/device.hpp"
-#include "host/data/load_dataset.hpp"
+#include "host/dataset/load_dataset.hpp"
 #include "host/train/checkpoint.hpp"
 
 namespace ubs {

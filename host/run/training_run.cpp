@@ -101,6 +101,7 @@ TrainingRun::TrainingRun(std::shared_ptr<const Dataset> data, TrainSettings aske
         facts_.start));
   for (const std::string& warning : settled.warnings) warn("{}", warning);
   chosen_ = changed_keys(asked_, plan_->recorded());
+  std::erase(chosen_, "budget");
   const int dim = plan_->settings().dim;
   check_query(train_, dim);
   if (const Split* test = data_->find("test")) {

@@ -64,7 +64,7 @@ class TrainingRun {
   // If the settings ask for a budget, chooses the largest number of iterations that is expected to fit, and
   // settles the plan again. `warm` compiles kernels (warm_up()); `spent` returns the seconds of the budget that
   // have passed. Throws Error(usage) if the budget is too short.
-  bool has_budget() const { return budget_seconds(asked_) > 0; }
+  double time_limit() const { return budget_seconds(asked_); }  // [s]; 0: none
   void fit_to_budget(Device& device, const std::function<void(const Plan&, const SplatModel&)>& warm,
                      const std::function<double()>& spent);
   // Returns the budget for Trainer::keep_to(), of which `spent` seconds have passed. Its `seconds` are 0 if

@@ -48,7 +48,8 @@ std::string all_commands(const TempFolder& folder) {
 
 // With --unit 1, training computes in the unit of the data. So the values of the written model are exactly
 // those of training.
-constexpr const char* kShort = "--dim 6 --iterations 60 --init-points 300 --cap-max 300 --unit 1 --quiet";
+constexpr const char* kShort =
+    "--dim 6 --schedule published --iterations 60 --init-points 300 --cap-max 300 --unit 1 --quiet";
 
 TEST_CASE("a model is rendered with its training settings, unless an option overrides them") {
   const TempFolder folder;
@@ -377,7 +378,7 @@ TEST_CASE("initial splats are found by comparing images, and config.yaml reprodu
   const std::string uneven = "train data --dim 3 --iterations 1 --cap-max 100 --out ";
   CHECK_THAT(ubs_ok(folder, uneven + "d").err, Contains("exposure") && Contains("--appearance gain"));
   CHECK_THAT(ubs_ok(folder, uneven + "e --appearance gain").err, !Contains("exposure"));
-  CHECK_THAT(ubs_ok(folder, "train --help").out, Contains("auto: triangulate points from the images"));
+  CHECK_THAT(ubs_ok(folder, "train --help").out, Contains("--find-points INT"));
 }
 
 TEST_CASE("a model that overfits its training images is reported") {
@@ -405,7 +406,8 @@ TEST_CASE("ubs train FOLDER chooses an output folder and all settings that are n
   const json metrics = json::parse(get(folder / "sets/data-ubs/metrics.json"));
   CHECK(metrics["dim"] == 7);
   CHECK(metrics["kernel_seconds"].get<double>() > 0);
-  CHECK(metrics["chosen"] == json::array({"dim", "unit", "conditioning", "background", "random_background"}));
+  for (const char* key : {"dim", "unit", "conditioning", "background", "random_background", "cap_max"})
+    CHECK_THAT(metrics["chosen"].dump(), Contains(fmt::format("\"{}\"", key)));
   CHECK_THAT(first.out,
              Contains("direct conditioning (for the published variant: --conditioning covariance)"));
   const auto conditioning = [&](const std::string& run) {
@@ -460,17 +462,16 @@ TEST_CASE("without --iterations and --budget, a run announces a budget of 15 min
   put_scene(folder / "data", 64, 8, 1);
   CHECK_THAT(said_at_begin(folder, "data --dim 6 --out whole --cap-max 100 --init-points 50"),
              Contains(" that are left of 15 min, at most 100 splats") &&
-                 Contains("--iterations 30000 for the published schedule"));
+                 Contains("--schedule published for the published rates"));
   CHECK_THAT(get(folder / "whole/config.yaml"), Contains("\npyramid: '") && Contains("\ncap_max: 100 "));
 }
 
-// Earlier versions planned the 30 000 published iterations, which `ubs train` only uses on request.
 TEST_CASE("a plan without --iterations and --budget estimates the default training") {
   const TempFolder folder;
   put_scene(folder / "data", 64, 8, 1);
   const std::string few = "plan data --dim 6 --cap-max 100 --init-points 50 ";
   const Result text = ubs_ok(folder, few);
-  CHECK_THAT(text.out, Contains("schedule   16000 iterations, at most 100 splats (--iterations 30000 ") &&
+  CHECK_THAT(text.out, Contains("schedule   16000 iterations, at most 100 splats\n") &&
                            Contains("would take longer than 15 min\n") &&
                            Contains("16000 iterations at the measured"));
   const json plan = json::parse(ubs_ok(folder, few + "--json").out);
@@ -479,10 +480,10 @@ TEST_CASE("a plan without --iterations and --budget estimates the default traini
   CHECK(plan["settings"]["lr_rgb"] == 0.00241);  // the rate for 16 000 iterations
   CHECK(plan["settings"]["cap_max"] == 100);
   CHECK(plan["budget_seconds"] == 900);
-  // A given number of iterations is used.
-  const json published = json::parse(ubs_ok(folder, few + "--iterations 30000 --json").out);
+  // The published schedule has another length and other rates, and no time limit.
+  const json published = json::parse(ubs_ok(folder, few + "--schedule published --json").out);
   CHECK(published["iterations"] == 30000);
-  CHECK(published["settings"]["lr_rgb"] == "auto");  // the published rate of the variant
+  CHECK(published["settings"]["lr_rgb"] == 0.001);
   CHECK(published["budget_seconds"].is_null());
   CHECK_THAT(ubs_ok(folder, few + "--set iterations=30000").out, !Contains("schedule "));
 }

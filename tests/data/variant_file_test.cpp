@@ -139,7 +139,8 @@ TEST_CASE("variants: every value of every switch can be set and saved, and inval
     }
     CHECK_THROWS_WITH(set_field(fields, s.key, "nonsense", "test"), Contains(s.key));
   }
-  settings = TrainSettings{};
+  settings.dim = 6;
+  settings.variant = {};
   settings.variant.rot_mode = RotMode::quaternion;
   CHECK_THAT(message_of([&] { validate(settings); }, ErrorKind::usage), Contains("needs dim = 3"));
   settings.variant.rot_mode = RotMode::exp;

@@ -173,5 +173,5 @@ TEST_CASE("documents: only the known places start programs", "[docs]") {
     if (std::regex_search(text, starts)) found.insert(path.lexically_relative(kSource).string());
   }
   CHECK(found == std::set<std::string>{"host/base/child_process.cpp", "host/base/child_process.hpp",
-                                       "host/data/usdc.cpp", "tools/cameras.cpp", "tools/view.cpp"});
+                                       "host/formats/usdc.cpp", "tools/cameras.cpp", "tools/view.cpp"});
 }

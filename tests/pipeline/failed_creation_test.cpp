@@ -4,7 +4,7 @@
 #include <catch2/catch.hpp>
 #include <future>
 
-#include "host/api/handles.hpp"
+#include "host/capi/handles.hpp"
 #include "host/opencl/opencl_device.hpp"
 #include "tests/support/device_fixture.hpp"
 

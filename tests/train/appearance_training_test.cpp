@@ -39,7 +39,7 @@ TEST_CASE("appearance: if it is learnt, exposures changed by -1 to 1 stops hardl
   test::Data uneven = plain;
   bracket(uneven.train);
   for (const auto& device : test::devices_under_test()) {
-    // The learning rates are those of a short run (data_specs/fast.yaml). N is 3, because with N = 6 the
+    // The learning rates are high, as in short runs. N is 3, because with N = 6 the
     // colours of splats depend on the view direction, so that splats can learn the exposures.
     TrainSettings settings = test::short_run(3, 1500, 1500);
     settings.lr_cooldown = 0.15;

@@ -6,7 +6,7 @@
 #include <utility>
 #include <vector>
 
-#include "host/api/same_run.hpp"
+#include "host/run/same_run.hpp"
 #include "host/run/open_data.hpp"
 #include "host/base/error.hpp"
 #include "host/base/paths.hpp"

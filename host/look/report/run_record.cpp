@@ -12,8 +12,8 @@
 #include "host/base/file.hpp"
 #include "host/base/json.hpp"
 #include "host/base/paths.hpp"
-#include "host/data/data_root.hpp"
-#include "host/scene/yaml_reader.hpp"
+#include "host/dataset/data_root.hpp"
+#include "host/settings/yaml_reader.hpp"
 #include "host/settings/fields.hpp"
 #include "host/settings/yaml_reader.hpp"
 
