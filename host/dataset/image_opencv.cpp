@@ -17,6 +17,7 @@
 #include "host/dataset/opencv_parts.hpp"
 #include "host/dataset/png_pixels.hpp"
 #include "host/dataset/resample.hpp"
+#include "host/dataset/stated_image.hpp"
 
 namespace ubs {
 namespace {
@@ -48,6 +49,10 @@ cv::Mat decode_image_file(const std::filesystem::path& path, int* orientation = 
            "{}: OpenCV's decoder of EXR images is disabled in this process: set OPENCV_IO_ENABLE_OPENEXR=1 "
            "before the program starts, or convert the image to PNG",
            path.string());
+    if (!is_jpeg(bytes)) {
+      const StatedImage stated = stated_image(bytes, path.string());
+      require_image_memory(stated.width, stated.height, stated.pixel_bytes, path.string());
+    }
     // OpenCV rotates the pixels of TIFF files as their orientation demands, so the tag is replaced by 1.
     const int found =
         replace_tiff_orientation({reinterpret_cast<unsigned char*>(bytes.data()), bytes.size()});

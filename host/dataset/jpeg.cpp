@@ -8,6 +8,7 @@
 
 #include "host/base/error.hpp"
 #include "host/dataset/image.hpp"
+#include "host/dataset/stated_image.hpp"
 
 namespace ubs {
 namespace {
@@ -44,10 +45,9 @@ cv::Mat decode_jpeg(std::span<const std::byte> file, const std::string& name) {
   const std::size_t count = std::size_t(width) * std::size_t(height);
   if (count / kMaxJpegPixelsPerByte > file.size())
     damaged(fmt::format("{} x {} pixels cannot be stored in {} bytes", width, height, file.size()));
-  if (count > kMaxDecodedPixels)
-    fail(ErrorKind::data, "{}: {} x {} pixels are too many: images can have at most {}", name, width, height,
-         kMaxDecodedPixels);
   const bool grey = colours == TJCS_GRAY, cmyk = colours == TJCS_CMYK || colours == TJCS_YCCK;
+  require_image_memory(static_cast<std::uint64_t>(width), static_cast<std::uint64_t>(height), grey ? 1 : 4,
+                       name);
   cv::Mat pixels(height, width, CV_8UC(grey ? 1 : cmyk ? 4 : 3));
   if (tjDecompress2(decoder.get(), bytes, file.size(), pixels.data, width, 0, height,
                     grey   ? TJPF_GRAY

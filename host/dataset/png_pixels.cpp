@@ -12,6 +12,7 @@
 
 #include "host/base/error.hpp"
 #include "host/dataset/image.hpp"
+#include "host/dataset/stated_image.hpp"
 
 namespace ubs {
 namespace {
@@ -61,9 +62,6 @@ bool decode(png_structp png, png_infop info, Source& source, std::size_t file_by
                   width, height, file_bytes);
     return false;
   }
-  if (width * height > kMaxDecodedPixels)
-    fail(ErrorKind::data, "{}: {} x {} pixels are too many: images can have at most {}", name, width, height,
-         kMaxDecodedPixels);
   png_set_expand(png);  // expands palettes, samples with fewer than 8 bits, and transparent colours
   png_set_bgr(png);
   if (const int type = png_get_color_type(png, info);
@@ -73,6 +71,8 @@ bool decode(png_structp png, png_infop info, Source& source, std::size_t file_by
   png_set_swap(png);
   const int passes = png_set_interlace_handling(png);
   png_read_update_info(png, info);
+  require_image_memory(width, height,
+                       std::uint64_t{png_get_channels(png, info)} * png_get_bit_depth(png, info) / 8, name);
   pixels.create(
       static_cast<int>(height), static_cast<int>(width),
       CV_MAKETYPE(png_get_bit_depth(png, info) == 16 ? CV_16U : CV_8U, png_get_channels(png, info)));
