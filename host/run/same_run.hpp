@@ -6,8 +6,8 @@
 #include <string>
 
 #include "host/cluster/communicator.hpp"
-#include "host/device/device.hpp"
 #include "host/dataset/load_dataset.hpp"
+#include "host/device/device.hpp"
 #include "host/train/checkpoint.hpp"
 
 namespace ubs {
