@@ -309,26 +309,45 @@ last.cycle = last
 
 
 def test_threads_get_one_device_for_one_request() -> None:
-    """The first request of several threads at once opens one device, and a model has one renderer for each device."""
+    """Tests that what is created at the first use is created once if several threads use it first at the same time: the
+    device of a request, the renderer of a model, the object that compares images, and the renderer of functions."""
     run = subprocess.run([sys.executable, "-c", """
-import threading, ubs
-from ubs import _abi, _device
+import collections, threading
+import numpy as np
+import ubs
+from ubs import _abi
+try:
+    import torch, ubs.torch
+except ImportError:
+    torch = None
 meeting = threading.Barrier(6)
-original = _abi._functions["device_open"]
-calls = []
-def counted(*arguments):
-    calls.append(1)
-    return original(*arguments)
-_abi._functions["device_open"] = counted
-model = ubs.Model.empty(3, 5)
+calls = collections.Counter()
+def count(name):
+    original = _abi._functions[name]
+    def counted(*arguments):
+        calls[name] += 1
+        return original(*arguments)
+    _abi._functions[name] = counted
+for name in ("device_open", "meter_create", "renderer_create_falloff"):
+    count(name)
+model, image = ubs.Model.empty(3, 5), np.zeros((16, 16, 3))
+camera = ubs.Camera.from_matrix(np.eye(4), (16, 16, 8, 8), 16, 16)
 found = []
 def work():
     meeting.wait()
     renderer = model.renderer()
     found.append((renderer.device, renderer))
+    meeting.wait()
+    assert ubs.metrics.psnr(image, image) == np.inf
+    meeting.wait()
+    if torch:
+        ubs.torch.render({k: torch.from_numpy(v.copy()) for k, v in model.parameters.items()}, camera, dim=3)
 threads = [threading.Thread(target=work) for _ in range(6)]
 for thread in threads: thread.start()
 for thread in threads: thread.join()
-assert len(calls) == 1 and len(set(found)) == 1 and len(found) == 6, (calls, found)
+assert len(set(found)) == 1 and len(found) == 6
+expected = {"device_open": 1, "meter_create": 1, "renderer_create_falloff": 1 if torch is None else 3}
+# ubs.torch creates a renderer for one splat, and another one for the five splats
+assert calls == expected, calls
 """], capture_output=True, text=True)
     assert (run.returncode, run.stderr) == (0, "")

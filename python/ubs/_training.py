@@ -289,8 +289,8 @@ def train(
     is installed, and otherwise with lines of text.
 
     If an exception ends the training, for example KeyboardInterrupt after Ctrl-C, or an exception of `on_step`, it has
-    the attribute `trainer`. This is the Trainer: its `model` is the model so far, and its run() continues the training.
-    In a notebook: sys.last_value.trainer.model.
+    the attribute `trainer`, unless the training was still being prepared. This is the Trainer: its `model` is the model
+    so far, and its run() continues the training. In a notebook: sys.last_value.trainer.model.
 
     The schedule, which includes the growth of the number of splats, scales with the number of iterations. For example,
     a training of 200 iterations turns 500 initial splats into 12 000, and a training of 30 000 iterations turns them
