@@ -505,3 +505,26 @@ def test_the_example_learns(data: ubs.Dataset) -> None:
     splats, losses = torch_fit.fit(data, 60)
     assert np.mean(losses[-10:]) < 0.8 * np.mean(losses[:10])
     assert torch_fit.psnr(splats, data.test) > 10
+
+
+def test_memory_of_the_device_is_given_back(data: ubs.Dataset) -> None:
+    """Tests that an array of a renderer is freed when its last tensor is deleted, or if no tensor was made of it."""
+    from ubs import _dlpack
+
+    renderer = ubs.Renderer(ubs.Model.empty(3, 5))
+    renderer.draw(data.test[0].camera)
+    try:
+        array = renderer.array("rgb")
+    except ubs.UsageError:
+        pytest.skip("SKIPPED: the device does not provide addresses of its memory")
+    before = len(_dlpack._handed_out)
+    tensor = torch.from_dlpack(array)
+    part = tensor[1:]
+    del tensor
+    assert len(_dlpack._handed_out) == before + 1
+    del part
+    assert len(_dlpack._handed_out) == before
+    capsule = array.__dlpack__()
+    assert len(_dlpack._handed_out) == before + 1
+    del capsule
+    assert len(_dlpack._handed_out) == before

@@ -39,10 +39,6 @@ class _Tensor(ctypes.Structure):
 _handed_out: dict[int, tuple[Any, ...]] = {}  # objects that a tensor needs until its consumer deletes it
 
 
-def _give_back(tensor: int) -> None:
-    _handed_out.pop(tensor, None)
-
-
 _python: Any = ctypes.pythonapi
 _new, _valid, _pointer = _python.PyCapsule_New, _python.PyCapsule_IsValid, _python.PyCapsule_GetPointer
 _new.argtypes, _new.restype = [c_void_p, c_char_p, c_void_p], ctypes.py_object
@@ -53,11 +49,13 @@ _pointer.restype = c_void_p
 
 def _capsule_dies(capsule: int) -> None:
     if _valid(capsule, _NAME):
-        _give_back(_pointer(capsule, _NAME))
+        _handed_out.pop(_pointer(capsule, _NAME))
 
 
 _function = ctypes.CFUNCTYPE(None, c_void_p)
-_deleter, _destructor = _function(_give_back), _function(_capsule_dies)
+# The deleter is a function in C. At the start of a function in Python, handlers of signals could run and raise an
+# exception, which would be lost, because the consumer calls the deleter from C.
+_deleter, _destructor = _function(_handed_out.pop), _function(_capsule_dies)
 
 
 class DeviceArray:
