@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // parallel_for() calls function(0) to function(count - 1) on all cores. Each call must write only its own
 // results, so that the outcome does not depend on the number of threads. If several calls throw an exception,
-// the exception of the call with the lowest index is thrown again. If the calling thread is asked to stop, the
-// remaining calls are skipped, and Stopped is thrown (stop_request.hpp).
+// the exception of the call with the lowest index is thrown again. If the calling thread is asked to stop
+// (stop_request.hpp), the remaining calls are skipped, and Stopped is thrown.
 #pragma once
 
 #include <algorithm>
