@@ -11,6 +11,7 @@
 #include "host/pipeline/device_model.hpp"
 #include "host/pipeline/image_gradient.hpp"
 #include "host/pipeline/renderer.hpp"
+#include "tests/pipeline/oracle_comparison.hpp"
 #include "tests/support/compare.hpp"
 #include "tests/support/device_fixture.hpp"
 

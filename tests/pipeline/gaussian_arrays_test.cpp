@@ -8,6 +8,7 @@
 
 #include "host/lab/oracle/scenes.hpp"
 #include "host/opencl/platform.hpp"
+#include "host/pipeline/device_model.hpp"
 #include "host/pipeline/view_gradient.hpp"
 #include "tests/support/compare.hpp"
 #include "tests/support/device_fixture.hpp"
