@@ -220,6 +220,14 @@ ubs_status ubs_trainer_get_status(const ubs_trainer* trainer, ubs_step* step) {
   });
 }
 
+ubs_status ubs_trainer_get_settings(const ubs_trainer* trainer, ubs_settings** settings) {
+  return made(settings, [&] {
+    const ubs_trainer& t = given(trainer, "trainer");
+    const std::lock_guard lock(t.open->mutex);
+    return std::make_unique<ubs_settings>(ubs_settings{t.run->plan().recorded()});
+  });
+}
+
 ubs_status ubs_trainer_get_model(const ubs_trainer* trainer, ubs_model** model) {
   return made(model, [&] {
     const ubs_trainer& t = given(trainer, "trainer");

@@ -14,7 +14,7 @@
 #include "host/scene/load_report.hpp"
 #include "host/dataset/world_points.hpp"
 #include "host/scene/dataset.hpp"
-#include "host/settings/train_settings.hpp"
+#include "host/settings/read_settings.hpp"
 
 namespace ubs {
 

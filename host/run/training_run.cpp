@@ -94,6 +94,7 @@ TrainingRun::TrainingRun(std::shared_ptr<const Dataset> data, TrainSettings aske
   facts_ = facts_of(rest_, train_, asked_, begins);
   Settled settled = settle(asked_, facts_);
   plan_ = std::move(settled.plan);
+  if (!begins) settled.notes.clear();  // the settings were decided when the run began
   for (std::string& note : settled.notes) rest_.report.notes.push_back(std::move(note));
   if (begins && facts_.points == 0)
     rest_.report.notes.push_back(fmt::format(
@@ -156,7 +157,7 @@ void TrainingRun::fit_to_budget(Device& device,
 
 TimeBudget TrainingRun::budget_from(double spent) const {
   TimeBudget budget = budget_;
-  budget.spent = spent;
+  if (budget.seconds > 0) budget.spent = spent;
   return budget;
 }
 

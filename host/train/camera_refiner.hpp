@@ -9,7 +9,6 @@
 
 #include "host/scene/dataset.hpp"
 #include "host/scene/splat_model.hpp"
-#include "host/settings/train_settings.hpp"
 #include "host/train/fit_camera.hpp"
 
 namespace ubs {

@@ -14,7 +14,6 @@
 #include "host/pipeline/image_metrics.hpp"
 #include "host/pipeline/renderer.hpp"
 #include "host/scene/dataset.hpp"
-#include "host/settings/train_settings.hpp"
 #include "host/train/target_images.hpp"
 
 namespace ubs {

@@ -542,6 +542,9 @@ UBS_API ubs_status ubs_trainer_run(ubs_trainer* trainer, uint32_t steps, ubs_ste
  * reported. They are NaN if this trainer has not run this iteration, or if its splats have been replaced
  * since. */
 UBS_API ubs_status ubs_trainer_get_status(const ubs_trainer* trainer, ubs_step* step);
+/* Returns the settings of the training as its checkpoint contains them: the settings that were passed, with the values
+ * that were chosen for those that were automatic. ubs_settings_free() frees them. */
+UBS_API ubs_status ubs_trainer_get_settings(const ubs_trainer* trainer, ubs_settings** settings);
 /* Returns the current model. */
 UBS_API ubs_status ubs_trainer_get_model(const ubs_trainer* trainer, ubs_model** model);
 /* Replaces the splats during a training, for example to add or remove splats. The iteration, the cameras, the

@@ -419,6 +419,11 @@ class Trainer {
     check(ubs_trainer_get_status(get(), &step));
     return step;
   }
+  // Returns the settings with the values that were chosen for automatic ones.
+  Settings settings() const {
+    return Settings(
+        detail::made<ubs_settings>([&](ubs_settings** s) { return ubs_trainer_get_settings(get(), s); }));
+  }
   Model model() const {
     return Model(detail::made<ubs_model>([&](ubs_model** m) { return ubs_trainer_get_model(get(), m); }));
   }

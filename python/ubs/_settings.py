@@ -48,6 +48,19 @@ def as_text(value: Any) -> str:
     return str(value)
 
 
+def values_of(handle: _abi.Handle) -> dict[str, str]:
+    """Returns the names and the values of all settings of a handle."""
+
+    def value(key: bytes) -> str:
+        length = ctypes.c_size_t()
+        _abi.call("settings_get", handle, key, None, 0, ctypes.byref(length))
+        text = ctypes.create_string_buffer(length.value + 1)
+        _abi.call("settings_get", handle, key, text, len(text), None)
+        return _abi.text(text.value)
+
+    return {key: value(key.encode()) for key in settings()}
+
+
 def settings() -> dict[str, str]:
     """Returns the name and the description of every setting."""
     found: dict[str, str] = {}

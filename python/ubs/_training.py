@@ -21,7 +21,7 @@ from ._data import Dataset, c_pointer
 from ._device import Device, DeviceLike, opened
 from ._errors import UsageError
 from ._model import Model
-from ._settings import BOOLEANS, Settings
+from ._settings import BOOLEANS, Settings, values_of
 
 
 @dataclass(frozen=True)
@@ -166,6 +166,11 @@ class Trainer(_abi.Handle):
         step = _abi.Step()
         _abi.call("trainer_get_status", self, ctypes.byref(step))
         return _step(step)
+
+    @property
+    def settings(self) -> dict[str, str]:
+        """The settings with the values that were chosen for automatic ones, as in the config.yaml of `ubs train`."""
+        return values_of(_abi.Handle("settings", "trainer_get_settings", self))
 
     @property
     def model(self) -> Model:

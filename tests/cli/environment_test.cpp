@@ -64,8 +64,10 @@ TEST_CASE("without the OpenCV module, commands that do not need it work; errors 
   const Result read = run_command(folder, "./ubs metrics data/test/r_000.png data/test/r_000.png");
   INFO(read.err);
   CHECK(read.code == 0);
-  put(folder / "a.exr", "v/1\x01");
-  const Result missing = run_command(folder, "./ubs metrics a.exr a.exr");
+  std::string bmp(54, '\0');  // the header of an image of 16 x 16 pixels
+  bmp[0] = 'B', bmp[1] = 'M', bmp[14] = 40, bmp[18] = bmp[22] = 16;
+  put(folder / "a.bmp", bmp);
+  const Result missing = run_command(folder, "./ubs metrics a.bmp a.bmp");
   INFO(missing.err);
   CHECK(missing.code == 3);
   CHECK(missing.err.find("ubs: error: libubs_opencv-") != std::string::npos);

@@ -225,7 +225,8 @@ TEST_CASE("cli: convert fits an export to the model, and measures the loss of qu
   const TempFolder folder;
   put_far_scene(folder, 0);
   const std::string train =
-      "train data --iterations 60 --init-points 300 --background 1,0.5,0 --quiet --test-every 0 ";
+      "train data --schedule published --iterations 60 --init-points 300 --background 1,0.5,0 --quiet "
+      "--test-every 0 ";
   ubs_ok(folder, train + "--dim 6 --out run");
   const Result said = ubs_ok(folder, "convert run m.spz --distill 0");
   CHECK_THAT(said.out,

@@ -180,7 +180,7 @@ TEST_CASE("outputs: --overwrite replaces a run that was edited or copied") {
   synthesise(folder);
   ubs_ok(folder, train("run", "--refine-cameras pose"));
   std::string config = get(folder / "run/config.yaml");
-  put(folder / "run/config.yaml", config.replace(config.find("iterations"), 0, "# edited\n"));
+  put(folder / "run/config.yaml", config.replace(config.find("\niterations") + 1, 0, "# edited\n"));
   check_refused(folder, train("run", "--spec run/config.yaml"), "--overwrite");
   fs::copy(folder / "run", folder / "copy", fs::copy_options::recursive);
   ubs_ok(folder, train("run", "--spec run/config.yaml --overwrite"));

@@ -142,6 +142,8 @@ TrainingResult train_on(Device& device, const CompareOptions& options, TrainSett
   TrainingRun run(std::move(data), settings);
   Trainer& trainer = run.start(device, run.initial());
   TrainingResult result;
+  TrainSettings recorded = run.plan().recorded();
+  result.settings = to_json(bind_fields(recorded, train_fields()));
   trainer.run([&](const StepReport& report) {
     if (report.test) result.test = report.test->mean;
     return true;

@@ -76,6 +76,7 @@ Json comparison_json(const std::vector<Comparison>& rows) {
                     {"device", device_json(row.device)},
                     {"raster", row.raster},
                     {"values", std::move(values)}});
+    if (row.training) list.back()["training_settings"] = row.training->settings;
   }
   return list;
 }

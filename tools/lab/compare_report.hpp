@@ -20,6 +20,7 @@ struct ComparedStage {
 };
 
 struct TrainingResult {
+  Json settings;  // as in config.yaml
   int iterations = 0;
   double seconds = 0;
   ViewMetrics test;
