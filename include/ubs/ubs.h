@@ -259,8 +259,9 @@ typedef struct ubs_parameter {
 /* Creates a model with `splats` splats whose parameters are all 0. The settings determine its variant and its
  * dimension. The setting "dim" must be a number, not "auto". */
 UBS_API ubs_status ubs_model_create(const ubs_settings* settings, uint64_t splats, ubs_model** model);
-/* Creates the initial model of a training with these settings. Its splats are at the points of the data, or
- * at random positions if there are no points. */
+/* Creates the initial model of a training with these settings. Its splats are at the points of the data and
+ * at points that are triangulated from the images, or at random positions if there are no points. A time
+ * limit is ignored: the number of splats is that of a training without it. */
 UBS_API ubs_status ubs_model_create_initial(const ubs_data* data, const ubs_settings* settings,
                                             ubs_model** model);
 UBS_API ubs_status ubs_model_copy(const ubs_model* model, ubs_model** copy);
@@ -268,7 +269,8 @@ UBS_API ubs_status ubs_model_copy(const ubs_model* model, ubs_model** copy);
  * settings for rendering are those of `model`. */
 UBS_API ubs_status ubs_model_create_like(const ubs_model* model, uint64_t splats, ubs_model** created);
 UBS_API void ubs_model_free(ubs_model* model);
-/* Loads a model file of any supported format (docs/data.md), or the model in the folder of a finished run. */
+/* Loads a model file of any supported format (docs/data.md), or the model in a folder: the output folder of
+ * `ubs train` or of 3DGS, or an unpacked SOG file. */
 UBS_API ubs_status ubs_model_load(const char* path, ubs_model** model);
 /* Saves a model. `format` is one of the formats of `ubs convert --to`. The format "ubs", which NULL also
  * selects, stores the complete model. "auto" selects the format by the extension of the path, and "ubs" for
@@ -497,8 +499,10 @@ UBS_API ubs_status ubs_renderer_get_array(ubs_renderer* renderer, ubs_array_name
 
 typedef struct ubs_step {
   size_t size;
-  uint32_t iteration, iterations; /* number of finished iterations, and of all iterations of the training */
-  double seconds;                 /* training time so far */
+  /* Number of finished iterations, and of all iterations of the training. With a time limit, the second
+   * number is an estimate, which may change. */
+  uint32_t iteration, iterations;
+  double seconds; /* training time so far */
   uint64_t splats;
   /* The mean loss since the last iteration that reported it. It is reported every log_every iterations, when
    * test views are measured, and in the last iteration; in all other iterations it is NaN. */
@@ -525,10 +529,16 @@ typedef struct ubs_metrics {
  * handles, and may read, evaluate and save the trainer, but not change it. */
 typedef int (*ubs_step_function)(void* user, const ubs_step* step);
 
-/* Creates a trainer. `settings` are those of `ubs train`; if it is NULL, the default settings are used.
+/* Creates a trainer. `settings` are those of `ubs train`, with the same defaults; if it is NULL, all settings
+ * have their defaults. Values that are "auto" are chosen for the data and the length of the training, as
+ * `ubs train` chooses them (docs/budget.md). Without a length ("iterations" or "budget"), training takes
+ * 16 000 iterations or 15 minutes, whichever ends first, or 30 000 iterations if "schedule" is "published".
+ * With a time limit, the function measures some training steps to choose the number of iterations, and the
+ * time starts with the call of this function.
  * Settings that determine how the data are read must have the values that `data` was opened with. `initial`
- * is the initial model, which must have the dimension and the variant of the settings. If it is NULL, the
- * model of ubs_model_create_initial is used. */
+ * is the initial model, which must have the dimension and the variant of the settings. If "dim" or
+ * "conditioning" is "auto", the value is that of this model. If `initial` is NULL, the trainer creates the
+ * initial model in the same way as ubs_model_create_initial. */
 UBS_API ubs_status ubs_trainer_create(ubs_device* device, const ubs_data* data, const ubs_settings* settings,
                                       const ubs_model* initial, ubs_trainer** trainer);
 UBS_API void ubs_trainer_free(ubs_trainer* trainer);
@@ -542,8 +552,8 @@ UBS_API ubs_status ubs_trainer_run(ubs_trainer* trainer, uint32_t steps, ubs_ste
  * reported. They are NaN if this trainer has not run this iteration, or if its splats have been replaced
  * since. */
 UBS_API ubs_status ubs_trainer_get_status(const ubs_trainer* trainer, ubs_step* step);
-/* Returns the settings of the training as its checkpoint contains them: the settings that were passed, with the values
- * that were chosen for those that were automatic. ubs_settings_free() frees them. */
+/* Returns the settings of the training as its checkpoint contains them: the settings that were passed, with
+ * the values that were chosen for those that were automatic. ubs_settings_free() frees them. */
 UBS_API ubs_status ubs_trainer_get_settings(const ubs_trainer* trainer, ubs_settings** settings);
 /* Returns the current model. */
 UBS_API ubs_status ubs_trainer_get_model(const ubs_trainer* trainer, ubs_model** model);

@@ -98,7 +98,8 @@ class Trainer(_abi.Handle):
     """A training that can be run in parts. `settings` are those of `ubs train`, by name. Settings that determine how
     data are read, such as background, must have the values that were passed to Dataset.open(). `spec` is a YAML file
     with settings, whose values are replaced by `settings`. `initial` is the initial model. If it is None, the initial
-    model is created from the data."""
+    model is created from the data. Without `iterations` or `budget`, the length is 16 000 iterations or 15 minutes, as
+    described at train(). With a time limit, the constructor measures some steps to choose the number of iterations."""
 
     def __init__(
         self,
@@ -286,9 +287,13 @@ def train(
     spec: str | None = None,
     **settings: Any,
 ) -> Model:
-    """Trains a model: ubs.train(data, dim=6, iterations=7000, device="cpu"). The settings are those of `ubs train`;
-    ubs.settings() lists them. Use Trainer to run other code between iterations. As in the published method, gradients
-    do not include the path through the view direction, unless query_grad is True.
+    """Trains a model: ubs.train(data, iterations=7000, device="cpu"). The settings are those of `ubs train`, with the
+    same defaults; ubs.settings() lists them. Use Trainer to run other code between iterations. As in the published
+    method, gradients do not include the path through the view direction, unless query_grad is True.
+
+    The length is a number of iterations, or a time: ubs.train(data, budget="2m"). Without either, training takes 16 000
+    iterations or 15 minutes, whichever ends first. With schedule="published" it takes 30 000 iterations, with the
+    published learning rates.
 
     Without `on_step`, reports the progress on stderr: with a progress bar of tqdm in terminals and notebooks, if tqdm
     is installed, and otherwise with lines of text.
@@ -297,9 +302,11 @@ def train(
     the attribute `trainer`, unless the training was still being prepared. This is the Trainer: its `model` is the model
     so far, and its run() continues the training. In a notebook: sys.last_value.trainer.model.
 
-    The schedule, which includes the growth of the number of splats, scales with the number of iterations. For example,
-    a training of 200 iterations turns 500 initial splats into 12 000, and a training of 30 000 iterations turns them
-    into 64 000. cap_max limits the number of splats, and refine="0:0:1" keeps it constant."""
+    The number of splats grows until half of the training is done. It then reaches cap_max, which by default is 12 times
+    the number of iterations, but at least 10 000 and at most 300 000: a training of 200 iterations ends with 10 000
+    splats, and a training of 7000 iterations with 84 000. If there are more initial points, cap_max is their number, up
+    to 40 times the number of iterations. refine="0:0:1" keeps the number of splats constant. With
+    schedule="published", cap_max is 300 000, and the number grows by 2 % at each of 244 refinements."""
     progress = _progress() if on_step is None else None
     try:
         trainer = Trainer(data, device=device, initial=initial, spec=spec, **settings)
