@@ -50,7 +50,7 @@ void Lists::fit(const CountLists& lists) {
   reserve(device_, drawn_, "tile list sums", 1);
   reserve(device_, pairs_, "tile list sums", 1);
   const dim3 all = grid(std::max(lists.count, 1u));
-  device_.launch("fit_lists", kernels_.fit, all, kListBlock, lists.totals, lists.room.visible,
+  device_.launch("clamp_to_capacity", kernels_.fit, all, kListBlock, lists.totals, lists.room.visible,
                  lists.room.intersections, lists.count, all.x * kListBlock, lists.tile_counts, drawn_.view(),
                  pairs_.view());
 }

@@ -19,7 +19,7 @@ struct Widen {
 cudaError_t scan_counts(Workspace& workspace, const u32* tile_counts, u64* before, u32 count,
                         u32 bits, cudaStream_t stream) {
   return cub::DeviceScan::ExclusiveScan(workspace.data, workspace.bytes,
-                                        thrust::make_transform_iterator(tile_counts, ToCounts{bits}), before,
+                                        thrust::make_transform_iterator(tile_counts, PackCounts{bits}), before,
                                         AddCounts{bits}, u64{0}, count, stream);
 }
 

@@ -18,13 +18,13 @@ struct Workspace {
   std::size_t bytes = 0;
 };
 
-// ToCounts and AddCounts are the operators of a prefix sum that counts visible splats and their tiles at the
-// same time (Lists::run() in cuda_lists.cpp). A packed value contains the number of visible splats in its
-// lower `bits` bits and the number of tiles in the remaining upper bits. ToCounts returns the packed value of
-// one splat from its number of tiles, and AddCounts adds the packed values of two ranges of splats. If the
+// PackCounts and AddCounts are the operators of a prefix sum that counts visible splats and their tiles at
+// the same time (Lists::run() in cuda_lists.cpp). A packed value contains the number of visible splats in its
+// lower `bits` bits and the number of tiles in the remaining upper bits. PackCounts returns the packed value
+// of one splat from its number of tiles, and AddCounts adds the packed values of two ranges of splats. If the
 // sum of the tiles overflows, it becomes the largest number that fits, regardless of how the splats are
 // divided into ranges.
-struct ToCounts {
+struct PackCounts {
   u32 bits;
   __host__ __device__ u64 operator()(u32 tiles) const {
     return (static_cast<u64>(tiles) << bits) + (tiles > 0 ? 1 : 0);
@@ -38,7 +38,7 @@ struct AddCounts {
   }
 };
 
-// Computes before[i], the sum (AddCounts) of the packed counts (ToCounts) of the splats before splat i.
+// Computes before[i], the sum (AddCounts) of the packed counts (PackCounts) of the splats before splat i.
 cudaError_t scan_counts(Workspace& workspace, const u32* tile_counts, u64* before, u32 count, u32 bits,
                         cudaStream_t stream);
 // Computes out[i] = in[0] + ... + in[i - 1] in 32 bits.

@@ -121,7 +121,7 @@ __global__ void finish_lists(const Key* tiles_sorted, const u32* ids, u32 most_p
 
 ListKernels list_kernels() {
   return {write_counts,
-          fit_lists,
+          clamp_to_capacity,
           gather_areas,
           {emit_intersections<u16>, finish_lists<u16>},
           {emit_intersections<u32>, finish_lists<u32>}};

@@ -89,13 +89,13 @@ void UploadRing::upload(void* to, std::span<const std::byte> from, cudaStream_t 
   check(cudaMemcpyAsync(to, slot.memory.get(), from.size(), cudaMemcpyHostToDevice, stream),
         "cudaMemcpyAsync");
   check(cudaEventRecord(slot.finished.get(), stream), "cudaEventRecord");
-  unjoined_ = slot.finished.get();
+  pending_uploads_ = slot.finished.get();
 }
 
 void UploadRing::join(cudaStream_t stream) {
-  if (!unjoined_) return;
-  check(cudaStreamWaitEvent(stream, unjoined_, 0), "cudaStreamWaitEvent");
-  unjoined_ = nullptr;
+  if (!pending_uploads_) return;
+  check(cudaStreamWaitEvent(stream, pending_uploads_, 0), "cudaStreamWaitEvent");
+  pending_uploads_ = nullptr;
 }
 
 }  // namespace ubs::cuda

@@ -100,7 +100,7 @@ class UploadRing {
   std::size_t next_ = 0;
   // Event of the last upload after the last join(). It also covers earlier uploads, which are on the same
   // stream.
-  cudaEvent_t unjoined_ = nullptr;
+  cudaEvent_t pending_uploads_ = nullptr;
 };
 
 }  // namespace ubs::cuda

@@ -10,20 +10,20 @@
 #include <filesystem>
 #include <memory>
 
-#include "host/model/camera_path.hpp"
-#include "host/model/distill.hpp"
-#include "host/model/export_model.hpp"
-#include "host/run/open_data.hpp"
-#include "host/run/proved_device.hpp"
-#include "host/model/scene_frame.hpp"
 #include "host/base/error.hpp"
 #include "host/base/paths.hpp"
+#include "host/device/registry.hpp"
 #include "host/formats/gaussian_model.hpp"
 #include "host/formats/ply.hpp"
 #include "host/formats/reduce_splats.hpp"
 #include "host/formats/splat_file.hpp"
 #include "host/formats/splat_series.hpp"
-#include "host/device/registry.hpp"
+#include "host/model/camera_path.hpp"
+#include "host/model/distill.hpp"
+#include "host/model/export_model.hpp"
+#include "host/model/scene_frame.hpp"
+#include "host/run/open_data.hpp"
+#include "host/run/verified_device.hpp"
 #include "host/scene/conditioning.hpp"
 #include "host/train/evaluate.hpp"
 #include "tools/commands.hpp"
@@ -276,7 +276,7 @@ void open_distiller(const ConvertOptions& options, const SplatFormat& format, co
   }
   for (const SplatModel& group : loaded.model.groups) check_query(views, group.dim);
   const auto open = [&] {
-    distiller.emplace(open_proved_device(options.device, drawing_use(loaded.model, settings, true)),
+    distiller.emplace(open_verified_device(options.device, drawing_use(loaded.model, settings, true)),
                       loaded.model, settings, std::move(views), std::min(options.degree, format.degree));
   };
   if (options.fit_requested())

@@ -4,10 +4,10 @@
 #include <algorithm>
 #include <cmath>
 
+#include "host/formats/gaussian_model.hpp"
 #include "host/model/distill.hpp"
 #include "host/model/model_session.hpp"
 #include "host/model/scene_frame.hpp"
-#include "host/formats/gaussian_model.hpp"
 
 namespace ubs::tools {
 namespace {

@@ -5,12 +5,12 @@
 #include <filesystem>
 #include <memory>
 
-#include "host/run/open_data.hpp"
-#include "host/run/proved_device.hpp"
-#include "host/run/run_cameras.hpp"
 #include "host/base/file.hpp"
 #include "host/base/stopwatch.hpp"
 #include "host/pipeline/frame_rate.hpp"
+#include "host/run/open_data.hpp"
+#include "host/run/run_cameras.hpp"
+#include "host/run/verified_device.hpp"
 #include "host/train/evaluate.hpp"
 #include "tools/commands.hpp"
 #include "tools/common/job.hpp"
@@ -64,7 +64,7 @@ int run(EvalOptions& options) {
   check::Use use = drawing_use(model, settings);
   use.parts.push_back(check::Part::loss);
   if (options.lpips.wanted()) use.parts.push_back(check::Part::networks);
-  ModelSession session(proved_request(device_of_rank(options.device), use), model, split, settings, false);
+  ModelSession session(verified_request(device_of_rank(options.device), use), model, split, settings, false);
   const std::uint64_t before = session.device().allocated_bytes();
   ImageMetrics more(session.device(), lpips);
   const std::uint64_t weights = session.device().allocated_bytes() - before;

@@ -168,12 +168,12 @@ fi
 reserve=$((reserve * 4 / 5))
 small=(--data "$data" --cap-max 50000 --init-points 20000 --save-renders 0 --overwrite)
 briefly=${GPU_CHECK_SHORT:-500}  # iterations
-short=("${small[@]}" --device "$device" --iterations "$briefly")
+short=("${small[@]}" --device "$device" --schedule published --iterations "$briefly")
 step "train $briefly" 60 "$ubs" train "${short[@]}" --out "$work/first"
 step "train $briefly again" 60 "$ubs" train "${short[@]}" --out "$work/second"
 step "same bytes" 10 cmp "$work/first/model.ply" "$work/second/model.ply"
 [ "$has_opencl" = yes ] && step "train $briefly, OpenCL" 60 "$ubs" train "${small[@]}" --device opencl:gpu \
-  --iterations "$briefly" --out "$work/opencl"
+  --schedule published --iterations "$briefly" --out "$work/opencl"
 cp "$work/first/metrics.json" "$out/train_short.json" 2>/dev/null
 cp "$work/opencl/metrics.json" "$out/train_short_opencl.json" 2>/dev/null
 if [ -e "$work/first/metrics.json" ] && [ -e "$work/opencl/metrics.json" ]; then
@@ -199,13 +199,13 @@ case $device in
     step "train $briefly tuned" 60 "$ubs" train "${short[@]}" --out "$work/tuned"
     step "same bytes as untuned" 10 cmp "$work/first/model.ply" "$work/tuned/model.ply" ;;
 esac
-step "train $briefly of 3DGS" 45 "$ubs" train "${small[@]}" --device "$device" --iterations "$briefly" --dim 3 --kernel gaussian --colour sh3 \
+step "train $briefly of 3DGS" 45 "$ubs" train "${small[@]}" --device "$device" --schedule published --iterations "$briefly" --dim 3 --kernel gaussian --colour sh3 \
   --rot-mode quaternion --lr-opacity 0.02 --lr-scale 0.02 --out "$work/gaussian"
 
 # The long training. If it runs out of time, it is interrupted and measured in that state.
 reserve=$((limit * 20 / 100))
 step "train $iterations" "$(left)" "$ubs" train --data "$data" --device "$device" --out "$work/long" \
-  --iterations "$iterations" --eval-every 30s --save-renders 2
+  --schedule published --iterations "$iterations" --eval-every 30s --save-renders 2
 cp "$work/long/metrics.json" "$out/train_long.json" 2>/dev/null
 cp "$work/long/log.csv" "$out/train_long_log.csv" 2>/dev/null
 model=$work/long/model.ply
@@ -244,7 +244,7 @@ compare=("$lab" compare --devices "$devices" --model "$model" --data "$data")
 step compare 45 "${compare[@]}" --repeat "${GPU_CHECK_REPEAT:-100}" --out "$work/compare"
 cp "$work/compare/"compare.* "$out" 2>/dev/null
 reserve=0
-step "compare training runs" 45 "${compare[@]}" --repeat 3 --train-iterations "$briefly" --cap-max 50000 \
+step "compare training runs" 45 "${compare[@]}" --repeat 3 --schedule published --train-iterations "$briefly" --cap-max 50000 \
   --init-points 20000 --out "$work/trained"
 for file in "$work/trained/"compare.*; do
   [ -e "$file" ] && cp "$file" "$out/compare_training.${file##*.}"

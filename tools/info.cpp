@@ -6,13 +6,13 @@
 #include <memory>
 #include <set>
 
-#include "host/run/open_data.hpp"
 #include "host/base/error.hpp"
 #include "host/base/paths.hpp"
 #include "host/base/text.hpp"
 #include "host/dataset/packed.hpp"
-#include "host/formats/splat_file.hpp"
 #include "host/dataset/view_names.hpp"
+#include "host/formats/splat_file.hpp"
+#include "host/run/open_data.hpp"
 #include "host/scene/extent.hpp"
 #include "host/scene/mixed_model.hpp"
 #include "kernels/dialect/dialect.h"

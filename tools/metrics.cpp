@@ -5,13 +5,13 @@
 #include <map>
 #include <memory>
 
-#include "host/model/image_comparison.hpp"
-#include "host/run/proved_device.hpp"
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
 #include "host/base/paths.hpp"
 #include "host/dataset/image.hpp"
 #include "host/dataset/load_dataset.hpp"
+#include "host/model/image_comparison.hpp"
+#include "host/run/verified_device.hpp"
 #include "host/train/evaluate.hpp"
 #include "tools/commands.hpp"
 #include "tools/common/lpips_options.hpp"
@@ -80,7 +80,7 @@ int run(const MetricsOptions& options) {
   const LpipsRequest request = options.lpips.request();
   const std::vector<Pair> pairs = pairs_of(options.truth, options.image);
   const std::unique_ptr<Device> device =
-      open_proved_device(options.device, comparing_use(options.lpips.wanted()));
+      open_verified_device(options.device, comparing_use(options.lpips.wanted()));
   ImageComparison comparison(*device, request);
   Metrics metrics;
   for (const Pair& pair : pairs) {

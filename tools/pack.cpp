@@ -4,9 +4,9 @@
 #include <filesystem>
 #include <memory>
 
-#include "host/run/open_data.hpp"
 #include "host/base/error.hpp"
 #include "host/dataset/packed.hpp"
+#include "host/run/open_data.hpp"
 #include "tools/commands.hpp"
 #include "tools/common/output.hpp"
 #include "tools/common/output_files.hpp"

@@ -5,14 +5,14 @@
 #include <map>
 #include <memory>
 
-#include "host/run/open_data.hpp"
-#include "host/run/proved_device.hpp"
-#include "host/run/training_run.hpp"
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
 #include "host/base/json.hpp"
 #include "host/base/text.hpp"
 #include "host/device/registry.hpp"
+#include "host/run/open_data.hpp"
+#include "host/run/training_run.hpp"
+#include "host/run/verified_device.hpp"
 #include "host/settings/fields.hpp"
 #include "host/train/kernel_warm_up.hpp"
 #include "host/train/rank_plan.hpp"
@@ -61,7 +61,7 @@ int plan_render(PlanOptions& options) {
       open_split_for(loaded.offset, options.data, options.split, settings, Images::skip, run.opened);
   for (const SplatModel& group : loaded.model.groups) check_query(split, group.dim);
   const std::unique_ptr<Device> device =
-      open_proved_device(options.device, drawing_use(loaded.model, settings));
+      open_verified_device(options.device, drawing_use(loaded.model, settings));
   const RunPlan plan = plan_rendering(*device, settings, split, loaded.model, options.depth);
   if (options.json)
     print_json(planned_json(options, settings, *device, plan));
@@ -72,8 +72,7 @@ int plan_render(PlanOptions& options) {
 
 std::unique_ptr<TrainingRun> open_training(const PlanOptions& options) {
   const TrainSettings asked = options.settings.resolve();
-  auto data =
-      std::make_shared<Dataset>(open_dataset(options.data, {"train", "test"}, asked, Images::load));
+  auto data = std::make_shared<Dataset>(open_dataset(options.data, {"train", "test"}, asked, Images::load));
   warn_skipped(data->report);
   auto run = std::make_unique<TrainingRun>(std::move(data), asked);
   run->warn_about_test();
@@ -82,7 +81,7 @@ std::unique_ptr<TrainingRun> open_training(const PlanOptions& options) {
 
 int plan_train(const PlanOptions& options) {
   const std::unique_ptr<TrainingRun> run = open_training(options);
-  const std::unique_ptr<Device> device = open_proved_device(options.device, run->use());
+  const std::unique_ptr<Device> device = open_verified_device(options.device, run->use());
   const RunPlan plan = plan_training(*device, run->plan(), run->train(), run->test(), run->initial());
   const TrainSettings settings = run->plan().recorded();
   if (options.json) {
@@ -146,7 +145,7 @@ int plan_ranks(const PlanOptions& options) {
   const std::unique_ptr<TrainingRun> run = open_training(options);
   const Plan plan = run->plan();
   const TrainSettings& settings = plan.settings();
-  const std::unique_ptr<Device> device = open_proved_device(options.device, run->use());
+  const std::unique_ptr<Device> device = open_verified_device(options.device, run->use());
   const MemoryQuestion memory = memory_question(settings, run->train(), run->test(), device->info(), 1);
   const SplatModel initial = run->initial();
   const RankCosts costs =

@@ -10,15 +10,15 @@
 #include <memory>
 #include <optional>
 
-#include "host/run/open_data.hpp"
-#include "host/run/proved_device.hpp"
-#include "host/run/run_cameras.hpp"
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
 #include "host/formats/foreign_formats.hpp"
 #include "host/formats/ply.hpp"
-#include "host/settings/fields.hpp"
+#include "host/run/open_data.hpp"
+#include "host/run/run_cameras.hpp"
+#include "host/run/verified_device.hpp"
 #include "host/scene/slice.hpp"
+#include "host/settings/fields.hpp"
 #include "host/train/evaluate.hpp"
 #include "host/train/run_settings.hpp"
 #include "tools/commands.hpp"
@@ -67,7 +67,7 @@ class Session {
         data_(open_dataset(options.run.opened, options.data, {"train", "test"}, settings_, Images::load)),
         train_(take(data_, "train")),
         test_(has_views(data_, "test") ? take(data_, "test") : Split{"test", {}}),
-        device_(open_proved_device(options.device, drawing_use(loaded_.model, settings_, true))),
+        device_(open_verified_device(options.device, drawing_use(loaded_.model, settings_, true))),
         render_(render_settings(settings_)),
         before_(*device_, loaded_.model, config()),
         renderer_(*device_, before_.stages()),

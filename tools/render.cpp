@@ -8,14 +8,14 @@
 #include <set>
 #include <span>
 
-#include "host/run/open_data.hpp"
-#include "host/model/picture.hpp"
 #include "host/base/error.hpp"
 #include "host/dataset/grey_png.hpp"
 #include "host/dataset/image.hpp"
 #include "host/dataset/lens_image.hpp"
 #include "host/dataset/npy.hpp"
 #include "host/dataset/video_writer.hpp"
+#include "host/model/picture.hpp"
+#include "host/run/open_data.hpp"
 #include "tools/commands.hpp"
 #include "tools/common/interrupt.hpp"
 #include "tools/common/job.hpp"
@@ -72,8 +72,9 @@ std::unique_ptr<FolderLock> take_outputs(const RenderOptions& options, const Spl
     if (seen.insert(view.name).second)
       for (const std::string& channel : options.channels)
         names.push_back(file_name(options, channel, view.name));
-  auto held = take_folder(options.out, names, {options.data}, options.overwrite);
-  // The video may be in the output folder, so it is checked after take_folder() has created this folder.
+  auto held = lock_output_folder(options.out, names, {options.data}, options.overwrite);
+  // The video may be in the output folder, so it is checked after lock_output_folder() has created this
+  // folder.
   check_output_files({options.video}, {options.model, options.data}, options.overwrite);
   return held;
 }

@@ -6,18 +6,18 @@
 #include <filesystem>
 #include <memory>
 
-#include "host/run/same_run.hpp"
-#include "host/run/open_data.hpp"
-#include "host/run/proved_device.hpp"
-#include "host/run/run_cameras.hpp"
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
 #include "host/base/paths.hpp"
-#include "host/formats/splat_file.hpp"
 #include "host/device/registry.hpp"
+#include "host/formats/splat_file.hpp"
 #include "host/look/report/report_page.hpp"
 #include "host/look/web/page.hpp"
 #include "host/look/web/steps.hpp"
+#include "host/run/open_data.hpp"
+#include "host/run/run_cameras.hpp"
+#include "host/run/same_run.hpp"
+#include "host/run/verified_device.hpp"
 #include "host/scene/scene_unit.hpp"
 #include "host/train/checkpoint.hpp"
 #include "host/train/run_settings.hpp"
@@ -255,7 +255,7 @@ void draw(ReportRun& run, const RunModel& model, ReportOptions& options, std::sh
   const std::optional<Views> found = find_views(run.record, model, options);
   // All runs use one device, which is verified for the variant of each run.
   options.device =
-      proved_request(options.device, drawing_use(*run.model, run.record.settings, !options.no_viewer));
+      verified_request(options.device, drawing_use(*run.model, run.record.settings, !options.no_viewer));
   if (!device) device = open_device(options.device);
   run.drawn_on = describe(device->info());
   if (!found) return draw_around(run, *device, options.views);
@@ -339,7 +339,7 @@ std::vector<ReportRun> open_runs(ReportOptions& options, ReportViewer& viewer) {
 }
 
 // Distinguishes runs with equal folder names by their paths.
-void tell_apart(std::vector<ReportRun>& runs, const std::vector<std::string>& paths) {
+void make_names_unique(std::vector<ReportRun>& runs, const std::vector<std::string>& paths) {
   for (std::size_t a = 0; a < runs.size(); ++a)
     for (std::size_t b = 0; b < runs.size(); ++b)
       if (a != b && fs::path(paths[a]) != paths[b] && runs[a].record.name == runs[b].record.name) {
@@ -360,7 +360,7 @@ int run(ReportOptions& options) {
   check_extension(out, "HTML", {".html", ".htm"});
   ReportViewer viewer;
   std::vector<ReportRun> runs = open_runs(options, viewer);
-  tell_apart(runs, options.runs);
+  make_names_unique(runs, options.runs);
   const ReportPage page = make_report(runs, version_line(), viewer);
   write_file_atomically(out, page.html);
   if (options.json) {

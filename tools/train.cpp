@@ -6,16 +6,16 @@
 #include <memory>
 #include <optional>
 
-#include "host/run/open_data.hpp"
-#include "host/run/proved_device.hpp"
-#include "host/run/same_run.hpp"
-#include "host/run/training_run.hpp"
 #include "host/base/error.hpp"
 #include "host/base/stopwatch.hpp"
 #include "host/base/text.hpp"
 #include "host/base/warning.hpp"
 #include "host/device/registry.hpp"
 #include "host/look/serve/live.hpp"
+#include "host/run/open_data.hpp"
+#include "host/run/same_run.hpp"
+#include "host/run/training_run.hpp"
+#include "host/run/verified_device.hpp"
 #include "host/scene/scene_unit.hpp"
 #include "host/settings/fields.hpp"
 #include "host/train/kernel_warm_up.hpp"
@@ -35,7 +35,7 @@
 #include "tools/common/page_views.hpp"
 #include "tools/common/progress.hpp"
 #include "tools/common/run_folder.hpp"
-#include "tools/common/run_keeper.hpp"
+#include "tools/common/run_writer.hpp"
 #include "tools/common/serve_options.hpp"
 #include "tools/train_report.hpp"
 #include "tools/train_start.hpp"
@@ -94,7 +94,7 @@ Outcome train(Trainer& trainer, RunFolder& folder, Progress& progress, const Int
 // Calls train(). If the run is interrupted, or if an exception is thrown that leaves the state of the
 // training consistent (an image that cannot be read, out of memory), saves the state. If the run was being
 // completed early, it keeps the state from before the cool-down instead, from which it can be continued.
-Outcome train_and_keep(Trainer& trainer, RunFolder& folder, RunKeeper& keeper, Progress& progress,
+Outcome train_and_keep(Trainer& trainer, RunFolder& folder, RunWriter& keeper, Progress& progress,
                        const InterruptGuard& guard, serve::LiveTraining* live) {
   const RunInterval interval = checkpoint_interval(trainer.settings());
   const auto save = [&](const auto& state) {  // of the trainer, or the trainer itself
@@ -118,7 +118,7 @@ Outcome train_and_keep(Trainer& trainer, RunFolder& folder, RunKeeper& keeper, P
     progress.finish();
     if (ranks().size() > 1) throw;  // other ranks do not know about the exception
     try {
-      if (trainer.state_is_whole() && trainer.iteration() > 0 && !keeps_start()) save(trainer);
+      if (trainer.state_is_consistent() && trainer.iteration() > 0 && !keeps_start()) save(trainer);
     } catch (const std::exception&) {  // the device is lost: report the first error
     }
     if (keeper.saved_iteration() < 0) throw;
@@ -171,7 +171,8 @@ void say_schedule(const TrainingRun& run, const TimeBudget& budget, bool asked) 
           : "",
       settings.cap_max);
   if (!asked)
-    say("         (--budget TIME or --iterations N for another length; --schedule published for the published "
+    say("         (--budget TIME or --iterations N for another length; --schedule published for the "
+        "published "
         "rates)\n");
   if (const std::string sizes = sizes_text(pyramid_levels(settings, run.train())); !sizes.empty())
     say("images   {}\n", sizes);
@@ -206,7 +207,7 @@ check::Use use_of(const TrainingRun& run, const TrainOptions& options) {
 // --resume` writes the results again, so the last step is to rename the checkpoint to continue.ubs. The
 // finished run can be continued from that file. If the run was completed early, continue.ubs contains the
 // state from before the cool-down, and the last step removes the checkpoint.
-void finish(RunFolder& folder, RunKeeper& keeper, const Trainer& trainer,
+void finish(RunFolder& folder, RunWriter& keeper, const Trainer& trainer,
             const std::function<void()>& write) {
   const auto& early = trainer.completed_from();
   const bool keeps_early = early && keeper.saved_iteration() == early->iteration;
@@ -242,7 +243,8 @@ std::vector<std::uint64_t> deal_by_speed(const Start& start, const TrainingRun& 
       static_cast<float>(1 / view_seconds(device, run.plan(), run.train(), initial));
   ranks().merge(speeds);
   const std::vector<double> measured(speeds.begin(), speeds.end());
-  return Deal(static_cast<std::uint64_t>(run.plan().settings().batch), ranks().size(), measured).counts();
+  return ViewAssignment(static_cast<std::uint64_t>(run.plan().settings().batch), ranks().size(), measured)
+      .counts();
 }
 
 // Throws Error(usage) for options that a run of several ranks does not support. With --budget,
@@ -281,8 +283,8 @@ int run(const TrainOptions& options) {
   // Rejects a missing device now, because reading the data may take minutes.
   choose_device(list_devices(), device_of_rank(options.device));
   if (options.talkative()) log_line(LogLevel::notice, fmt::format("reading {}", start.data));
-  auto data = std::make_shared<Dataset>(
-      open_dataset(start.data, {"train", "test"}, start.settings, Images::load));
+  auto data =
+      std::make_shared<Dataset>(open_dataset(start.data, {"train", "test"}, start.settings, Images::load));
   if (const Split* given = data->find("train"); options.talkative() && given && !resumes)
     log_line(LogLevel::notice,
              fmt::format("choosing settings and initial points from {} images", given->views.size()));
@@ -292,15 +294,15 @@ int run(const TrainOptions& options) {
   folder.check_renders(run.test(), start.settings.save_renders, overwrite);
   for (const Split* split : {&run.train(), &run.test()}) folder.check_apart_from(*split);
   const double proof_seconds = seconds_of(
-      [&] { device = open_proved_device(device_of_rank(options.device), use_of(run, options)); });
+      [&] { device = open_verified_device(device_of_rank(options.device), use_of(run, options)); });
   std::unique_ptr<ImageMetrics> networks;
   if (options.lpips.wanted()) networks = open_networks(*device, lpips, run.test());
   if (options.talkative()) print_start(run, *device);
   if (options.talkative() && options.start.out.empty() && !resumes)
     say("output   {} (choose another folder with --out)\n", start.out);
-  Checkpoint identified = identity(run.plan().recorded(),
-                                   std::filesystem::absolute(start.data).lexically_normal().string(),
-                                   run.data_print(), *device);
+  Checkpoint identified =
+      identity(run.plan().recorded(), std::filesystem::absolute(start.data).lexically_normal().string(),
+               run.data_print(), *device);
   const int device_kinds = join_run(ranks(), identified);
   if (resumes) check_same_run(*start.checkpoint, identified, options.start.any_device);
   double build_seconds = 0;
@@ -331,7 +333,7 @@ int run(const TrainOptions& options) {
   Trainer& trainer = run.start(*device, initial, ranks());
   if (device_kinds > 1) {
     identified.views_by_rank = deal_by_speed(start, run, *device, initial);
-    trainer.scene().shared()->deal_views(identified.views_by_rank);
+    trainer.scene().shared()->assign_views(identified.views_by_rank);
   }
   // From here on, files are changed, so signals are handled until the end. A signal after the last step does
   // not stop the writing of the results.
@@ -346,7 +348,7 @@ int run(const TrainOptions& options) {
   if (start.has_more_time && start.checkpoint->is_finished())
     trainer.go_on_for(budget.seconds - trainer.seconds());
   if (!start.settings.chosen.contains("eval_every")) trainer.sample_test();
-  RunKeeper keeper(folder, std::move(identified), resumes ? trainer.iteration() : -1);
+  RunWriter keeper(folder, std::move(identified), resumes ? trainer.iteration() : -1);
   Progress progress(trainer.settings().iterations, options.quiet || !ranks().first());
   std::optional<serve::LiveTraining> live;
   if (server) {
@@ -378,20 +380,20 @@ int run(const TrainOptions& options) {
       json["preparation_seconds"] = preparation;
       if (!run.chosen().empty()) json["chosen"] = run.chosen();
       if (learnt != Background::Learnt::no)
-        json["learnt_background"] = to_string(run.drawn_settings().background);
+        json["learnt_background"] = to_string(run.settings_with_learnt_background().background);
       json["storage_bytes"] = std::filesystem::file_size(folder.model());
       json["data_report"] = report_json(run.report());
       json["offset"] = run.offset();
       json["data_print"] = run.data_print();
       if (device_kinds > 1) json["picture_differences_by_rank"] = differences;
-      json["renders"] = outcome.interrupted ? std::vector<std::string>{}
-                                            : RunFolder::render_names(run.test(), start.settings.save_renders);
+      json["renders"] = outcome.interrupted
+                            ? std::vector<std::string>{}
+                            : RunFolder::render_names(run.test(), start.settings.save_renders);
       json["budget_seconds"] = budget_seconds > 0 ? Json(budget_seconds) : Json();
       folder.save_metrics(json);
     }
     folder.save_cameras(run, !outcome.interrupted);
-    if (!outcome.interrupted)
-      renders = folder.save_renders(trainer, run.test(), start.settings.save_renders);
+    if (!outcome.interrupted) renders = folder.save_renders(trainer, run.test(), start.settings.save_renders);
   };
   if (outcome.interrupted)
     write_results();
@@ -402,7 +404,8 @@ int run(const TrainOptions& options) {
   if (options.talkative()) {
     print_summary(start, folder, trainer, outcome, peak_bytes, renders);
     if (learnt != Background::Learnt::no)
-      say("trained  background {}{}\n", fmt::join(trainer.scene().drawn_settings().background.colour, ","),
+      say("trained  background {}{}\n",
+          fmt::join(trainer.scene().settings_with_learnt_background().background.colour, ","),
           learnt == Background::Learnt::sky ? " (average over all directions)" : "");
     if (live) say("live     {}\n", live->summary());
   }

@@ -7,14 +7,14 @@
 #include <filesystem>
 #include <initializer_list>
 
-#include "host/run/same_run.hpp"
 #include "host/base/error.hpp"
 #include "host/base/paths.hpp"
 #include "host/base/text.hpp"
 #include "host/formats/splat_file.hpp"
+#include "host/run/same_run.hpp"
 #include "tools/common/output.hpp"
 #include "tools/common/output_files.hpp"
-#include "tools/common/run_keeper.hpp"
+#include "tools/common/run_writer.hpp"
 
 namespace ubs::tools {
 
@@ -87,7 +87,7 @@ Start start_of(const StartOptions& options, const SettingsOptions& given, bool h
     check_kind(options.data);
     start.data = options.data;
     start.out = options.out.empty() ? free_output_folder(options.data).string() : options.out;
-    check_apart(start.out, {options.data});
+    check_outside(start.out, {options.data});
     if (holds) start.lock = std::make_unique<FolderLock>(start.out);
     return start;
   }
@@ -99,7 +99,8 @@ Start start_of(const StartOptions& options, const SettingsOptions& given, bool h
   if (budget != TrainSettings{}.budget) {
     if (!budget.starts_with('+'))
       fail(ErrorKind::usage,
-           "--budget {0}: for a resumed run, pass the remaining time with a plus sign: --budget +{0}", budget);
+           "--budget {0}: for a resumed run, pass the remaining time with a plus sign: --budget +{0}",
+           budget);
     more_seconds = parse_duration(budget.substr(1), "budget");
   }
   Checkpoint checkpoint = open_checkpoint(options.resume, more_seconds.has_value());

@@ -12,8 +12,8 @@
 #include "host/base/folder_lock.hpp"
 #include "host/dataset/load_dataset.hpp"
 #include "host/device/device.hpp"
-#include "host/train/checkpoint.hpp"
 #include "host/settings/train_settings.hpp"
+#include "host/train/checkpoint.hpp"
 #include "tools/common/settings_options.hpp"
 
 namespace ubs::tools {

@@ -10,8 +10,8 @@
 #include <memory>
 
 #include "host/base/child_process.hpp"
-#include "host/run/open_data.hpp"
 #include "host/look/serve/live.hpp"
+#include "host/run/open_data.hpp"
 #include "tools/commands.hpp"
 #include "tools/common/interrupt.hpp"
 #include "tools/common/model_options.hpp"

@@ -6,14 +6,14 @@
 #include <memory>
 #include <optional>
 
-#include "host/run/open_data.hpp"
-#include "host/run/proved_device.hpp"
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
 #include "host/base/paths.hpp"
 #include "host/dataset/image.hpp"
 #include "host/look/web/page.hpp"
 #include "host/look/web/steps.hpp"
+#include "host/run/open_data.hpp"
+#include "host/run/verified_device.hpp"
 #include "tools/commands.hpp"
 #include "tools/common/model_options.hpp"
 #include "tools/common/number_check.hpp"
@@ -75,7 +75,7 @@ web::ViewerPage page_of(const WebOptions& options, const LoadedModel& loaded, co
 std::string poster_of(const WebOptions& options, std::shared_ptr<Device> device, const MixedModel& model,
                       const TrainSettings& settings, const Camera& camera) {
   try {
-    if (!device) device = open_proved_device(options.device, drawing_use(model, settings, false));
+    if (!device) device = open_verified_device(options.device, drawing_use(model, settings, false));
     const Image8 still = web::draw_poster(device, model, settings, camera);
     if (!options.poster.empty()) save_png(options.poster, still);
     return web::poster_uri(still);
@@ -110,7 +110,8 @@ int run(WebOptions& options) {
   const std::vector<Camera> cameras = cameras_of(split);
   for (const SplatModel& group : loaded.model.groups) check_query(split, group.dim);
   std::shared_ptr<Device> device;
-  if (!options.exact) device = open_proved_device(options.device, drawing_use(loaded.model, settings, true));
+  if (!options.exact)
+    device = open_verified_device(options.device, drawing_use(loaded.model, settings, true));
   const web::PackedForWeb packed = options.exact
                                        ? web::PackedForWeb{pack_ubsz(loaded.model, loaded.comments), {}, {}}
                                        : web::pack_for_web(device, loaded.model, loaded.comments, cameras,

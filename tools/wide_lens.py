@@ -147,7 +147,8 @@ def main(ubs, model, root):
         values = []
         for seed in range(3):
             out = root / f"run-{name}-{seed}"
-            options = "--test-every 0 --iterations 1500 --cap-max 12000 --dim 6 --set opacity_reg=0 --quiet"
+            options = ("--test-every 0 --schedule published --iterations 1500 --cap-max 12000 --dim 6 "
+                       "--set opacity_reg=0 --quiet")
             run(ubs, "train", root / name, "--out", out, "--seed", seed, *options.split())
             values.append(evaluate(ubs, out, root / judge)["mean"]["psnr_joint"])
         print(f"{name}: {', '.join(f'{v:.2f}' for v in values)} dB, mean {np.mean(values):.2f} dB", flush=True)

@@ -17,7 +17,7 @@
 
 #include "host/base/error.hpp"
 #include "host/base/paths.hpp"
-#include "host/base/uninterrupted.hpp"
+#include "host/base/retry_on_eintr.hpp"
 
 namespace ubs {
 
@@ -97,7 +97,7 @@ int open_temporary(const fs::path& folder, std::string_view suffix, fs::path& na
   for (;;) {
     name = folder / fmt::format("{}{}-{}{}", kTemporary, ::getpid(), counter++, suffix);
     const int file =
-        uninterrupted([&] { return ::open(name.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666); });
+        retry_on_eintr([&] { return ::open(name.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666); });
     if (file < 0 && errno == EEXIST) continue;
     if (file < 0) return file;
     struct stat status {};
@@ -119,7 +119,7 @@ int open_temporary(const fs::path& folder, std::string_view suffix, fs::path& na
 }
 
 void sync_or_fail(int file, const fs::path& path) {
-  if (uninterrupted([&] { return ::fsync(file); }) == 0) return;
+  if (retry_on_eintr([&] { return ::fsync(file); }) == 0) return;
   fail(ErrorKind::data, "{}: cannot be written to the disk: {}", path.string(), std::strerror(errno));
 }
 
@@ -179,7 +179,7 @@ void AtomicFile::flush() {
 
 void AtomicFile::put(std::span<const std::byte> bytes) {
   while (!bytes.empty()) {
-    const auto written = uninterrupted([&] { return ::write(file_, bytes.data(), bytes.size()); });
+    const auto written = retry_on_eintr([&] { return ::write(file_, bytes.data(), bytes.size()); });
     if (written < 0) fail_writing(path_);
     bytes = bytes.subspan(static_cast<std::size_t>(written));
   }
@@ -192,7 +192,7 @@ void AtomicFile::skip(std::uint64_t bytes) {
 
 PartOfFile::PartOfFile(fs::path temporary)
     : path_(std::move(temporary)),
-      file_(uninterrupted([&] { return ::open(path_.c_str(), O_WRONLY | O_CLOEXEC); })) {
+      file_(retry_on_eintr([&] { return ::open(path_.c_str(), O_WRONLY | O_CLOEXEC); })) {
   if (file_ < 0) fail(ErrorKind::data, "{}: cannot write: {}", path_.string(), std::strerror(errno));
 }
 
@@ -200,7 +200,7 @@ PartOfFile::~PartOfFile() { ::close(file_); }
 
 void PartOfFile::write(std::uint64_t offset, std::span<const std::byte> bytes) {
   while (!bytes.empty()) {
-    const auto written = uninterrupted(
+    const auto written = retry_on_eintr(
         [&] { return ::pwrite(file_, bytes.data(), bytes.size(), static_cast<off_t>(offset)); });
     if (written < 0) fail_writing(path_);
     bytes = bytes.subspan(static_cast<std::size_t>(written));

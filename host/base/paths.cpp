@@ -11,7 +11,7 @@
 #include <system_error>
 
 #include "host/base/error.hpp"
-#include "host/base/uninterrupted.hpp"
+#include "host/base/retry_on_eintr.hpp"
 
 namespace ubs {
 namespace {
@@ -70,7 +70,7 @@ void make_folders(const fs::path& folder) {
 void sync_folder(const fs::path& folder) {
   const int opened = ::open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
   if (opened < 0) refuse(folder, "cannot be opened", {errno, std::generic_category()});
-  const int result = uninterrupted([&] { return ::fsync(opened); });
+  const int result = retry_on_eintr([&] { return ::fsync(opened); });
   const std::error_code error(result == 0 ? 0 : errno, std::generic_category());
   ::close(opened);
   // Some file systems do not support fsync() for folders. Then this function cannot wait for the disk.

@@ -3,9 +3,9 @@
 #include <cmath>
 
 #include "host/capi/handles.hpp"
-#include "host/run/open_data.hpp"
 #include "host/dataset/synthetic.hpp"
 #include "host/dataset/view_names.hpp"
+#include "host/run/open_data.hpp"
 
 namespace ubs::facade {
 namespace {

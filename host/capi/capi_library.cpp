@@ -6,9 +6,9 @@
 #include <string_view>
 
 #include "host/base/stop_request.hpp"
-#include "host/capi/handles.hpp"
 #include "host/base/version.hpp"
 #include "host/base/warning.hpp"
+#include "host/capi/handles.hpp"
 #include "host/settings/train_settings.hpp"
 
 namespace ubs::facade {

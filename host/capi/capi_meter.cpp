@@ -6,8 +6,8 @@
 
 #include "host/capi/metrics.hpp"
 #include "host/model/image_comparison.hpp"
-#include "host/run/proved_device.hpp"
 #include "host/pipeline/network.hpp"
+#include "host/run/verified_device.hpp"
 
 namespace ubs::facade {
 namespace {
@@ -63,8 +63,8 @@ ubs_status ubs_meter_create(ubs_device* device, const char* networks, const char
     const std::lock_guard lock(open->mutex);
     auto created = std::make_unique<ubs_meter>();
     created->open = open;
-    prove_device(created->open->device->info(), created->open->index,
-                 comparing_use(!request.networks.empty()));
+    verify_device(created->open->device->info(), created->open->index,
+                  comparing_use(!request.networks.empty()));
     created->comparison.emplace(*created->open->device, request);
     return created;
   });

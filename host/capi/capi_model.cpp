@@ -5,14 +5,14 @@
 #include <cmath>
 #include <cstdlib>
 
-#include "host/model/export_model.hpp"
+#include "host/base/paths.hpp"
+#include "host/base/warning.hpp"
 #include "host/capi/handles.hpp"
+#include "host/formats/ply.hpp"
+#include "host/model/export_model.hpp"
 #include "host/model/model_session.hpp"
 #include "host/run/training_run.hpp"
 #include "host/scene/scene_unit.hpp"
-#include "host/base/paths.hpp"
-#include "host/base/warning.hpp"
-#include "host/formats/ply.hpp"
 
 namespace ubs::facade {
 namespace {

@@ -10,9 +10,9 @@
 
 #include "host/capi/handles.hpp"
 #include "host/model/model_session.hpp"
-#include "host/run/proved_device.hpp"
 #include "host/pipeline/image_gradient.hpp"
 #include "host/pipeline/view_gradient.hpp"
+#include "host/run/verified_device.hpp"
 
 struct ubs_renderer {
   std::shared_ptr<ubs::facade::OpenDevice> open;
@@ -254,8 +254,8 @@ ubs_status ubs_renderer_create_falloff(ubs_device* device, const ubs_model* mode
     auto created = std::make_unique<ubs_renderer>();
     created->open = open;
     const bool backward = flags & UBS_RENDER_GRADIENTS;
-    prove_device(created->open->device->info(), created->open->index,
-                 drawing_use(loaded.model, values, backward));
+    verify_device(created->open->device->info(), created->open->index,
+                  drawing_use(loaded.model, values, backward));
     created->flags = flags;
     created->shape.offset = loaded.offset;
     created->shape.model = MixedModel(std::vector<SplatModel>{});

@@ -1,10 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // This file implements the C interface for settings. Programs get and set a setting by its name.
-#include "host/settings/fields.hpp"
-
 #include <algorithm>
 
 #include "host/capi/handles.hpp"
+#include "host/settings/fields.hpp"
 
 namespace ubs::facade {
 namespace {
@@ -24,9 +23,9 @@ bool has_effect(std::string_view key, ubs_use use) {
       return is_used(key, kOfKernels | kOfDrawing) || key == "raster";
     // The settings that may change when a run is resumed concern the reading of data, measurements and output
     // files. A trainer ignores them, because the data have been read already and the caller saves the
-    // results. The exceptions are eval_every and on_nan.
+    // results. The exceptions are eval_every, on_nan and budget.
     case UBS_USE_TRAINER:
-      return !is_used(key, kFreeOnResume) || key == "eval_every" || key == "on_nan";
+      return !is_used(key, kFreeOnResume) || key == "eval_every" || key == "on_nan" || key == "budget";
   }
   fail(ErrorKind::usage, "{} is not a value of ubs_use", static_cast<int>(use));
 }

@@ -7,16 +7,16 @@
 
 #include "host/base/stopwatch.hpp"
 #include "host/capi/metrics.hpp"
-#include "host/run/proved_device.hpp"
 #include "host/run/same_run.hpp"
 #include "host/run/training_run.hpp"
+#include "host/run/verified_device.hpp"
 #include "host/scene/scene_unit.hpp"
 #include "host/settings/fields.hpp"
 
 struct ubs_trainer {
   std::shared_ptr<ubs::facade::OpenDevice> open;
   std::unique_ptr<ubs::TrainingRun> run;
-  ubs::Checkpoint identity;  // identifies the run; without the training state
+  ubs::Checkpoint identity;             // identifies the run; without the training state
   std::optional<ubs::StepReport> last;  // of the current iteration, if this trainer has run it
   bool running = false;
 
@@ -66,7 +66,8 @@ void take_form(const SplatModel& model, TrainSettings& asked) {
 // not finite.
 SplatModel as_first(const LoadedModel& loaded, const TrainingRun& run) {
   const SplatModel& model = loaded.model.single("training");
-  if (loaded.offset != run.offset()) fail(ErrorKind::usage, "the model and the data have different world offsets");
+  if (loaded.offset != run.offset())
+    fail(ErrorKind::usage, "the model and the data have different world offsets");
   check_parameters(loaded.model);
   check_initial(run.plan().settings(), model);  // must precede the first kernel that uses the model
   SplatModel first = model;
@@ -76,7 +77,7 @@ SplatModel as_first(const LoadedModel& loaded, const TrainingRun& run) {
 
 // Throws Error(usage) if a model has more splats than the trainer has allocated memory for.
 void check_room(const ubs_trainer& t, std::size_t splats, const std::string& what) {
-  const int room = t.trainer().scene().drawn_settings().cap_max;
+  const int room = t.trainer().scene().settings_with_learnt_background().cap_max;
   if (splats > static_cast<std::size_t>(room))
     fail(ErrorKind::usage,
          "{} has {} splats, but the trainer has memory for {} (the larger of cap_max and the number of "
@@ -118,7 +119,7 @@ void not_while_running(const ubs_trainer& t) {
 }
 
 void need_whole_state(const ubs_trainer& t, const char* action) {
-  if (!t.trainer().state_is_whole())
+  if (!t.trainer().state_is_consistent())
     fail(ErrorKind::usage, "cannot {}: an error has stopped the trainer in the middle of an iteration",
          action);
 }
@@ -169,8 +170,12 @@ ubs_status ubs_trainer_create(ubs_device* device, const ubs_data* data, const ub
     TrainingRun& run = *t.run;
     lock.lock();
     Device& opened = *t.open->device;
-    prove_device(opened.info(), t.open->index, run.use());
-    double compiling = 0;
+    double compiling = 0;  // and checking the device; both do not count as time of the budget
+    {
+      const Stopwatch watch;
+      verify_device(opened.info(), t.open->index, run.use());
+      compiling += watch.seconds();
+    }
     const auto warm_up = [&](const Plan& plan, const SplatModel& first) {
       const Stopwatch watch;
       run.warm_up(opened, plan, first);

@@ -13,8 +13,8 @@
 #include "host/base/error.hpp"
 #include "host/base/stop_request.hpp"
 #include "host/dataset/load_dataset.hpp"
-#include "host/formats/splat_file.hpp"
 #include "host/device/device.hpp"
+#include "host/formats/splat_file.hpp"
 #include "host/settings/train_settings.hpp"
 #include "include/ubs/ubs.h"
 

@@ -3,10 +3,11 @@
 // object that compares images.
 #pragma once
 
-#include "host/model/image_comparison.hpp"
-#include "host/capi/handles.hpp"
 #include <memory>
 #include <optional>
+
+#include "host/capi/handles.hpp"
+#include "host/model/image_comparison.hpp"
 #include "host/train/evaluate.hpp"
 
 struct ubs_meter {

@@ -31,7 +31,7 @@ void add_stages(Findings& all, const std::vector<StageErrors>& stages) {
   for (const StageErrors& stage : stages) {
     const auto found = shown.find(stage.stage);
     if (found == shown.end()) continue;  // the loss is checked separately
-    Worst worst(found->second.first);
+    WorstFinding worst(found->second.first);
     for (const NamedErrors& q : stage.quantities)
       worst.add(q.quantity, q.errors.relative, found->second.second);
     all.push_back(worst.finding());
@@ -41,13 +41,13 @@ void add_stages(Findings& all, const std::vector<StageErrors>& stages) {
 Finding check_image(const StageRun& run, const FormVectors& e) {
   ErrorSum sum;
   sum.add(run.image(), e.truth.image, e.problem.undecided);
-  Worst worst("image");
+  WorstFinding worst("image");
   worst.add("image", sum.errors().relative, kImage);
   return worst.finding();
 }
 
 Finding check_gradient(StageRun& run, const FormVectors& e) {
-  Worst worst("gradient");
+  WorstFinding worst("gradient");
   const SplatModel& model = e.problem.model;
   for (const NamedErrors& group :
        group_errors(model.layout(), model.count, run.gradient_of(e.truth.v_image), e.truth.v_params))
@@ -66,7 +66,7 @@ double differing(const std::vector<float>& a, const std::vector<float>& b) {
 
 Finding check_repeats(StageRun& run, bool backward) {
   const char* operation = backward ? "iteration" : "forward";
-  Worst worst("reproducibility");
+  WorstFinding worst("reproducibility");
   run.run(operation);
   const std::vector<float> image = run.image(), gradient = backward ? run.gradient() : std::vector<float>{};
   run.run(operation);

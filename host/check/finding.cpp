@@ -8,7 +8,7 @@
 
 namespace ubs::check {
 
-void Worst::add(const std::string& quantity, double error, double bound) {
+void WorstFinding::add(const std::string& quantity, double error, double bound) {
   constexpr double kInfinite = std::numeric_limits<double>::infinity();
   if (!std::isfinite(error)) return refuse(quantity + " has values that are not finite");
   const double share = error <= bound ? (bound > 0 ? error / bound : 0)
@@ -19,7 +19,7 @@ void Worst::add(const std::string& quantity, double error, double bound) {
   worst_.quantity = quantity, worst_.error = error, worst_.bound = bound;
 }
 
-void Worst::refuse(const std::string& problem) {
+void WorstFinding::refuse(const std::string& problem) {
   constexpr double kInfinite = std::numeric_limits<double>::infinity();
   if (share_ == kInfinite) return;
   share_ = worst_.error = kInfinite;

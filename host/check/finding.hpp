@@ -17,10 +17,10 @@ struct Finding {
 };
 using Findings = std::vector<Finding>;
 
-// Worst collects the quantities of a stage and keeps the one with the largest ratio of error to bound.
-class Worst {
+// WorstFinding collects the quantities of a stage and keeps the one with the largest ratio of error to bound.
+class WorstFinding {
  public:
-  explicit Worst(std::string stage) { worst_.stage = std::move(stage); }
+  explicit WorstFinding(std::string stage) { worst_.stage = std::move(stage); }
   // If the error is not finite, calls refuse().
   void add(const std::string& quantity, double error, double bound);
   // Makes the finding fail with this text, which states what is wrong. An earlier failure with a bound of 0

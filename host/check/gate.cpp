@@ -43,12 +43,12 @@ void prove(const DeviceInfo& info, std::size_t index, const Subject& subject, co
 
 }  // namespace
 
-void prove_device(const DeviceInfo& info, std::size_t index, const Use& use, const Gate& gate) {
+void verify_device(const DeviceInfo& info, std::size_t index, const Use& use, const Gate& gate) {
   if (switched_off()) return;
   for (const KernelConfig& config : use.configs(info)) prove(info, index, {config, use.parts}, gate);
 }
 
-std::size_t choose_proved_device(const std::string& request, const Use& use, const Gate& gate) {
+std::size_t choose_verified_device(const std::string& request, const Use& use, const Gate& gate) {
   const std::vector<DeviceInfo> devices = list_devices();
   const std::vector<std::size_t> candidates = device_candidates(devices, request);
   if (switched_off()) return candidates.front();
@@ -56,7 +56,7 @@ std::size_t choose_proved_device(const std::string& request, const Use& use, con
   std::string passed_over;
   for (const std::size_t index : candidates) {
     try {
-      prove_device(devices[index], index, use, gate);
+      verify_device(devices[index], index, use, gate);
     } catch (const Error& error) {
       // Only errors of these three kinds are caused by the device. A lack of memory may be temporary, and
       // errors of all other kinds are caused by the command.

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// choose_proved_device() selects the device for a command, and ensures that this device has passed a check of
-// the kernels that the command needs. For each combination of device, driver and build, each variant of the
-// method is checked once. Afterwards the stored verdict is used.
+// choose_verified_device() selects the device for a command, and ensures that this device has passed a check
+// of the kernels that the command needs. For each combination of device, driver and build, each variant of
+// the method is checked once. Afterwards the stored verdict is used.
 #pragma once
 
 #include <functional>
@@ -32,10 +32,10 @@ struct Gate {
 // contains the reasons; if all devices fail, the function throws the error of the first one. Error(memory) is
 // thrown in any case, because a lack of memory may be temporary. If the environment variable UBS_CHECK is
 // "off", nothing is checked.
-std::size_t choose_proved_device(const std::string& request, const Use& use, const Gate& gate);
+std::size_t choose_verified_device(const std::string& request, const Use& use, const Gate& gate);
 
 // Checks a device that has already been chosen. Throws Error(faulty) if it computes wrong results. If the
 // device fails otherwise, throws the error of the device.
-void prove_device(const DeviceInfo& info, std::size_t index, const Use& use, const Gate& gate);
+void verify_device(const DeviceInfo& info, std::size_t index, const Use& use, const Gate& gate);
 
 }  // namespace ubs::check

@@ -117,7 +117,7 @@ double case_penalty(const ParameterLayout& layout, const Place& p, const AdamVec
   return is_scale(layout, p.row) ? cases.scale_penalty[p.adam()] : 0;
 }
 
-void add_step(Worst& worst, const State& after, std::size_t at, double parameter, double moment1,
+void add_step(WorstFinding& worst, const State& after, std::size_t at, double parameter, double moment1,
               double moment2) {
   worst.add("parameter", std::abs(after.params[at] - parameter) / (std::abs(parameter) + 0.1),
             kParameterBound);
@@ -137,7 +137,7 @@ Finding check_step_gradient(const ParameterLayout& layout, const SplatView& spla
     found[p.packed] = static_cast<float>(after.moment1[p.at] / (1 - static_cast<double>(0.9f)));
     expected[p.packed] = e.truth.v_params[p.packed] + model_penalty(layout, p, e);
   });
-  Worst worst("parameter gradient in the combined training step");
+  WorstFinding worst("parameter gradient in the combined training step");
   for (const NamedErrors& group : group_errors(layout, splats.count, found, expected))
     worst.add(group.quantity, group.errors.relative, kGradientBound);
   return worst.finding();
@@ -164,7 +164,7 @@ Findings check_learning(Device& device, StageRun& run, const FormVectors& e) {
   steps.restore(moving);
   steps.learn_nothing(kAdamStep);
   const State at_rest = steps.state();
-  Worst once("Adam in the combined training step");
+  WorstFinding once("Adam in the combined training step");
   for_values(layout, splats, [&](const Place& p) {
     add_step(once, at_rest, p.at, start.params[p.at] + cases.step_at_rest[p.adam()],
              cases.moment1_at_rest[p.adam()], cases.moment2_at_rest[p.adam()]);
@@ -185,7 +185,7 @@ Findings check_learning(Device& device, StageRun& run, const FormVectors& e) {
   steps.v_params().upload(v);
   run.stages().adam(steps.adam(kAdamStep));
   const State stepped = steps.state();
-  Worst penalties("penalties"), apart("Adam");
+  WorstFinding penalties("penalties"), apart("Adam");
   for_values(layout, splats, [&](const Place& p) {
     const double expected = v[p.at] + case_penalty(layout, p, cases);
     penalties.add("gradient", std::abs(penalised[p.at] - expected) / (std::abs(expected) + 0.01),

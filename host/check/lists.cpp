@@ -51,7 +51,7 @@ Finding check(Device& device, Stages& stages, const ListedSplats& splats, const 
     count.room = {(expected.totals.visible + splats.count()) / 2, room};
   }
   ListTotals totals = stages.count_lists(count);
-  Worst worst(bounded ? "lists of bounded size" : "lists");
+  WorstFinding worst(bounded ? "lists of bounded size" : "lists");
   const ListTotals given = totals;
   if (bounded) {
     std::array<std::uint64_t, 2> counted{};

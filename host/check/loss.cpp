@@ -10,7 +10,7 @@ namespace {
 // the largest errors that were measured, and to the reasons for these bounds.
 constexpr double kValueBound = 1e-6, kImageGradientBound = 1e-5;
 
-void add_values(Worst& worst, const std::vector<float>& sums, const LossValues& expected) {
+void add_values(WorstFinding& worst, const std::vector<float>& sums, const LossValues& expected) {
   worst.add("mean absolute difference", std::abs(sums[0] - expected.l1), kValueBound);
   worst.add("SSIM", std::abs(sums[1] - expected.ssim), kValueBound);
   for (std::size_t c = 0; c < 3; ++c)
@@ -34,7 +34,7 @@ Findings check_loss(Device& device, Stages& stages) {
                  .v_image = v_image.view(),
                  .sums = sums.view()};
   stages.image_loss(loss);
-  Worst value("loss"), gradient("gradient of the loss");
+  WorstFinding value("loss"), gradient("gradient of the loss");
   add_values(value, sums.download(), e.values);
   ErrorSum inside, outside;
   const std::vector<float> v = v_image.download();

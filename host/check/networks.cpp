@@ -17,7 +17,7 @@ Findings check_networks(Device& device) {
   const auto ops = make_metric_ops(device);
   const Network& network = lpips_network("squeeze");
   const TensorFile weights = random_weights(network, kNetworkSeed);
-  Worst worst("image metrics");
+  WorstFinding worst("image metrics");
   Lpips lpips(device, *ops, network, weights);
   worst.add("LPIPS", std::abs(lpips.distance(up.a, up.b, LpipsRange::signed_one) - expected.lpips), 6e-7);
   ImageMetrics metrics(device, {});

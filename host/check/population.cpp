@@ -50,7 +50,7 @@ class PopulationOnDevice {
   Buffer<float> params_, moment1_, moment2_;
 };
 
-void add_copies(Worst& worst, const Population& before, const Population& after,
+void add_copies(WorstFinding& worst, const Population& before, const Population& after,
                 const std::vector<std::uint32_t>& written) {
   const Copies copies = judge_copies(before, after, written);
   if (!copies.problem.empty()) worst.refuse(copies.problem);
@@ -67,7 +67,7 @@ Finding check_relocation(Device& device, Stages& stages, const ParameterLayout& 
     if (i % 3 == 1) dead.push_back(i);
   }
   PopulationOnDevice on(device, population);
-  Worst worst("relocation");
+  WorstFinding worst("relocation");
   worst.add("number of moved splats",
             std::abs(static_cast<double>(on.relocate(stages)) - static_cast<double>(dead.size())), 0);
   add_copies(worst, population, on.download(), dead);
@@ -80,7 +80,7 @@ Finding check_growth(Device& device, Stages& stages, const ParameterLayout& layo
   on.grow(stages, 1088);
   std::vector<std::uint32_t> slots;
   for (std::uint32_t i = population.count; i < 1088; ++i) slots.push_back(i);
-  Worst worst("growth");
+  WorstFinding worst("growth");
   add_copies(worst, population, on.download(), slots);
   return worst.finding();
 }
@@ -106,7 +106,7 @@ Finding check_draw(Device& device, Stages& stages, const ParameterLayout& layout
     const double expected = kDraws * population.opacity(i) / total;
     chi_square += (drawn[i] - expected) * (drawn[i] - expected) / expected;
   }
-  Worst worst("choice of sources");
+  WorstFinding worst("choice of sources");
   // A correct device exceeds this bound with a probability of 1e-4. As the seed is fixed, the result of a
   // device is always the same.
   worst.add("chi-square", chi_square, 94);
@@ -119,7 +119,7 @@ Finding check_noise(Device& device, Stages& stages, const FormVectors& e) {
   const DeviceModel on(device, model);
   stages.add_noise({on.view(), static_cast<float>(kNoiseAmount), kDrawSeed, kDrawIteration});
   const SplatModel after = on.download();
-  Worst worst("noise");
+  WorstFinding worst("noise");
   double moved = 0;
   for (std::size_t i = 0; i < model.count; ++i) {
     for (int r = 0; r < 3; ++r) {

@@ -22,7 +22,7 @@ constexpr std::array<double, 4> kBands{0.02, 0.008, 0.003, 0.003};
 // [px] The Cauchy loss reduces the weight of residuals that are larger than this.
 constexpr double kRobust = 1;
 // [px] An observation whose error is larger than this after an adjustment is discarded.
-constexpr double kOff = 4;
+constexpr double kMaxMatchError = 4;
 // [rad] Assumed standard deviation of each of the six numbers that describe the error of a given pose. All of
 // them are angles as seen in the image (camera_motion.hpp).
 constexpr double kPriorAngle = 5e-3;
@@ -36,13 +36,13 @@ constexpr std::size_t kMinSeen = 24;
 using Row6 = cv::Matx<double, 2, 6>;
 using Row3 = cv::Matx<double, 2, 3>;
 
-struct Sight {  // one observation of a point
+struct Observation {  // one observation of a point
   std::size_t view;
   Pixel at;
 };
 struct Track {
   Vec3 point{};
-  std::vector<Sight> seen;
+  std::vector<Observation> seen;
 };
 
 // Triangulates the point of a track by least squares. Returns whether the point is in front of all cameras of
@@ -50,7 +50,7 @@ struct Track {
 bool place(Track& track, std::span<const Camera> cameras) {
   cv::Matx33d sum = cv::Matx33d::zeros();
   cv::Vec3d right(0, 0, 0);
-  for (const Sight& s : track.seen) {
+  for (const Observation& s : track.seen) {
     const Vec3 d = cameras[s.view].ray(s.at[0], s.at[1]), c = cameras[s.view].centre();
     const double square = dot(d, d);
     for (int i = 0; i < 3; ++i)
@@ -64,7 +64,7 @@ bool place(Track& track, std::span<const Camera> cameras) {
   const cv::Matx33d inverse = sum.inv(cv::DECOMP_CHOLESKY, &solved);
   const cv::Vec3d x = inverse * right;
   track.point = {x[0], x[1], x[2]};
-  return solved && std::ranges::all_of(track.seen, [&](const Sight& s) {
+  return solved && std::ranges::all_of(track.seen, [&](const Observation& s) {
            return seen_at(cameras[s.view], track.point).has_value();
          });
 }
@@ -98,7 +98,7 @@ class Adjustment {
   double cost_of(std::span<const Camera> cameras, std::span<const Track> tracks) const {
     double cost = 0;
     for (const Track& track : tracks)
-      for (const Sight& s : track.seen) {
+      for (const Observation& s : track.seen) {
         const auto at = seen_at(cameras[s.view], track.point);
         if (!at) return INFINITY;
         const double u = (*at)[0] - s.at[0], v = (*at)[1] - s.at[1];
@@ -148,7 +148,7 @@ class Adjustment {
     std::vector<Eliminated> points;
     for (const Track& track : tracks) {
       Eliminated e{cv::Matx33d::zeros(), {0, 0, 0}, {}};
-      for (const Sight& s : track.seen) {
+      for (const Observation& s : track.seen) {
         Pixel at;
         Row6 by_pose;
         Row3 by_point;
@@ -216,7 +216,7 @@ double median(std::vector<double> values) {
   return *middle;
 }
 
-double error_of(const Camera& camera, const Track& track, const Sight& sight) {
+double error_of(const Camera& camera, const Track& track, const Observation& sight) {
   const auto at = seen_at(camera, track.point);
   return at ? std::hypot((*at)[0] - sight.at[0], (*at)[1] - sight.at[1]) : INFINITY;
 }
@@ -224,14 +224,15 @@ double error_of(const Camera& camera, const Track& track, const Sight& sight) {
 double median_error(std::span<const Camera> cameras, std::span<const Track> tracks) {
   std::vector<double> errors;
   for (const Track& track : tracks)
-    for (const Sight& s : track.seen) errors.push_back(error_of(cameras[s.view], track, s));
+    for (const Observation& s : track.seen) errors.push_back(error_of(cameras[s.view], track, s));
   return median(std::move(errors));
 }
 
 void adjust(std::span<const Camera> given, std::vector<Track>& tracks, std::vector<Camera>& cameras) {
   std::vector<std::vector<double>> depths(cameras.size());
   for (const Track& track : tracks)
-    for (const Sight& s : track.seen) depths[s.view].push_back(in_camera(cameras[s.view], track.point)[2]);
+    for (const Observation& s : track.seen)
+      depths[s.view].push_back(in_camera(cameras[s.view], track.point)[2]);
   std::vector<double> pivots;
   for (auto& of_view : depths) pivots.push_back(of_view.empty() ? 1 : median(std::move(of_view)));
   Adjustment(given, std::move(pivots), tracks).run(cameras);
@@ -266,7 +267,7 @@ std::vector<Track> find_tracks(std::span<const Corners> corners,
   std::vector<Track> tracks;
   for (auto& [root, track] : found) {
     // A track with two corners in the same image contains a wrong match, so it is not used.
-    const auto same = std::ranges::adjacent_find(track.seen, {}, &Sight::view);
+    const auto same = std::ranges::adjacent_find(track.seen, {}, &Observation::view);
     if (track.seen.size() >= kMinSights && same == track.seen.end() && place(track, cameras))
       tracks.push_back(std::move(track));
   }
@@ -293,8 +294,9 @@ Alignment align_cameras(std::span<const View> views) {
     if (share == kBands.front()) out.before = median_error(given, tracks);
     adjust(given, tracks, out.cameras);
     for (Track& track : tracks)
-      std::erase_if(track.seen,
-                    [&](const Sight& s) { return error_of(out.cameras[s.view], track, s) > kOff; });
+      std::erase_if(track.seen, [&](const Observation& s) {
+        return error_of(out.cameras[s.view], track, s) > kMaxMatchError;
+      });
     std::erase_if(tracks, [](const Track& track) { return track.seen.size() < kMinSights; });
     adjust(given, tracks, out.cameras);
   }
@@ -302,8 +304,8 @@ Alignment align_cameras(std::span<const View> views) {
   out.after = median_error(out.cameras, tracks);
   std::vector<std::size_t> seen(views.size());
   for (const Track& track : tracks)
-    for (const Sight& s : track.seen) ++seen[s.view];
-  hold_gauge(out.cameras, given);
+    for (const Observation& s : track.seen) ++seen[s.view];
+  fix_similarity(out.cameras, given);
   for (std::size_t v = 0; v < views.size(); ++v)
     if (seen[v] >= kMinSeen)
       ++out.aligned;

@@ -234,7 +234,7 @@ Split make_split(BlenderFolder& folder, const SplitFile& file, const DatasetOpti
         outside, pending.size(), file.split, times.low, times.high));
   parallel_for(pending.size(), [&](std::size_t i) { complete_view(pending[i], file.file, options, lazy); });
   for (PendingView& p : pending) result.views.push_back(std::move(p.view));
-  settle_view_names(result.views);
+  make_view_names_unique(result.views);
   return result;
 }
 

@@ -13,8 +13,8 @@
 #include <vector>
 
 #include "host/dataset/lens.hpp"
-#include "host/scene/load_report.hpp"
 #include "host/dataset/world_points.hpp"
+#include "host/scene/load_report.hpp"
 
 namespace ubs {
 

@@ -7,12 +7,12 @@
 
 #include "host/base/error.hpp"
 #include "host/dataset/align_cameras.hpp"
-#include "host/formats/covariance_axes.hpp"
 #include "host/dataset/image.hpp"
 #include "host/dataset/image_info.hpp"
 #include "host/dataset/triangulate.hpp"
 #include "host/dataset/undistort.hpp"
 #include "host/dataset/video.hpp"
+#include "host/formats/covariance_axes.hpp"
 #include "host/formats/webp.hpp"
 
 namespace ubs {

@@ -197,7 +197,7 @@ LoadedScene load_static(const fs::path& folder, const fs::path& images, const st
     check_camera(view.camera, rows[i].where);
     views.push_back(std::move(view));
   }
-  settle_view_names(views);
+  make_view_names_unique(views);
   std::map<std::string, std::array<double, 2>> bounds;
   for (std::size_t i = 0; i < rows.size(); ++i) bounds[views[i].name] = rows[i].bounds;
   scene.splits = split_every(std::move(views), options.read.test_every);

@@ -21,9 +21,9 @@
 #include "host/dataset/data_root.hpp"
 #include "host/dataset/image.hpp"
 #include "host/dataset/packed.hpp"
-#include "host/formats/splat_file.hpp"
 #include "host/dataset/split_views.hpp"
 #include "host/dataset/view_names.hpp"
+#include "host/formats/splat_file.hpp"
 #include "host/scene/extent.hpp"
 
 namespace ubs {
@@ -540,7 +540,7 @@ Dataset open_undecoded(const fs::path& path, const DatasetOptions& options) {
   data.splits = std::move(scene.splits);
   for (Split& split : data.splits) {
     split.name = safe_file_name(split.name);
-    settle_view_names(split.views);
+    make_view_names_unique(split.views);
     if (options.read.principal_point == PrincipalPoint::centre)
       for (View& view : split.views)
         view.camera.cx = view.camera.width / 2.0, view.camera.cy = view.camera.height / 2.0;

@@ -11,9 +11,9 @@
 #include <string_view>
 #include <vector>
 
-#include "host/scene/load_report.hpp"
 #include "host/dataset/world_points.hpp"
 #include "host/scene/dataset.hpp"
+#include "host/scene/load_report.hpp"
 #include "host/settings/read_settings.hpp"
 
 namespace ubs {

@@ -15,8 +15,8 @@
 #include <vector>
 
 #include "host/dataset/data_root.hpp"
-#include "host/scene/load_report.hpp"
 #include "host/dataset/name_index.hpp"
+#include "host/scene/load_report.hpp"
 
 namespace ubs {
 

@@ -4,8 +4,8 @@
 
 #include <vector>
 
-#include "host/scene/load_report.hpp"
 #include "host/scene/dataset.hpp"
+#include "host/scene/load_report.hpp"
 
 namespace ubs {
 

@@ -62,7 +62,7 @@ std::string safe_file_name(std::string_view name) {
   return safe.empty() ? "view" : shortened(safe);
 }
 
-void settle_view_names(std::vector<View>& views) {
+void make_view_names_unique(std::vector<View>& views) {
   std::set<std::string> original, used;
   for (View& view : views) {
     view.name = safe_file_name(view.name);
@@ -93,7 +93,7 @@ void settle_image_names(std::vector<View>& views, const std::vector<std::size_t>
     images.emplace_back().name = views.at(at).part_of.empty() ? views[at].name : views[at].part_of;
     at += count;
   }
-  settle_view_names(images);
+  make_view_names_unique(images);
   at = 0;
   for (std::size_t i = 0; i < counts.size(); ++i)
     for (std::size_t k = 0; k < counts[i]; ++k, ++at) {
@@ -102,7 +102,7 @@ void settle_image_names(std::vector<View>& views, const std::vector<std::size_t>
       view.name = images[i].name + end;
       if (!view.part_of.empty()) view.part_of = images[i].name;
     }
-  settle_view_names(views);
+  make_view_names_unique(views);
 }
 
 }  // namespace ubs

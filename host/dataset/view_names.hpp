@@ -24,11 +24,11 @@ std::string safe_file_name(std::string_view name);
 // further ones are renamed to name_2, name_3, ... Names are treated as the same if they differ only in the
 // case of the letters A to Z. A view must also not have the name of another view followed by _alpha or
 // _depth, because `render` writes files with these names.
-void settle_view_names(std::vector<View>& views);
+void make_view_names_unique(std::vector<View>& views);
 
-// Makes the names of views unique, like settle_view_names(), for views that are grouped by image: counts[i]
-// consecutive views belong to image i. The names of images are made unique first, so that the names of all
-// views of one image start with the same View::part_of.
+// Makes the names of views unique, like make_view_names_unique(), for views that are grouped by image:
+// counts[i] consecutive views belong to image i. The names of images are made unique first, so that the names
+// of all views of one image start with the same View::part_of.
 void settle_image_names(std::vector<View>& views, const std::vector<std::size_t>& counts);
 
 }  // namespace ubs

@@ -29,9 +29,9 @@ struct ReduceOptions {
   float least_opacity = 1.0f / 255;
 };
 
-// Converts the model. Throws Error(usage) if no Gaussian can replace the kernel of the model, if the model has
-// more than three dimensions and a variant that Slicer does not support, or if options.opacity is not "mean",
-// "weighted" or "max".
+// Converts the model. Throws Error(usage) if no Gaussian can replace the kernel of the model, if the model
+// has more than three dimensions and a variant that Slicer does not support, or if options.opacity is not
+// "mean", "weighted" or "max".
 ImportedSplats reduce_splats(const SplatModel& model, const ReduceOptions& options = {});
 
 }  // namespace ubs

@@ -6,11 +6,11 @@
 #include <cmath>
 #include <numeric>
 
-#include "host/model/model_session.hpp"
 #include "host/base/philox.hpp"
 #include "host/base/stopwatch.hpp"
-#include "host/formats/gaussian_model.hpp"
 #include "host/dataset/image.hpp"
+#include "host/formats/gaussian_model.hpp"
+#include "host/model/model_session.hpp"
 #include "host/scene/scene_unit.hpp"
 #include "host/train/measure_steps.hpp"
 #include "host/train/trainer.hpp"
@@ -151,9 +151,8 @@ Distilled Distiller::at(double time, const ImportedSplats& closed_form, double s
   const double left = seconds - watch.seconds();
   const double least = expected_seconds(kMinIterations, costs_, asked, facts, train);
   const bool enough = least <= left;
-  const BudgetedRun run = enough
-                              ? choose_iterations({.seconds = left, .costs = costs_}, asked, facts, train)
-                              : BudgetedRun{{least_plan, {}, {}}, {}};
+  const BudgetedRun run = enough ? choose_iterations({.seconds = left, .costs = costs_}, asked, facts, train)
+                                 : BudgetedRun{{least_plan, {}, {}}, {}};
   const Plan& plan = run.settled.plan;
   Distilled out{.splats = closed_form};
   if (start({.renders = train.views.size(),

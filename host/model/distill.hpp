@@ -10,8 +10,8 @@
 #include <memory>
 #include <optional>
 
-#include "host/formats/imported_splats.hpp"
 #include "host/device/device.hpp"
+#include "host/formats/imported_splats.hpp"
 #include "host/scene/dataset.hpp"
 #include "host/scene/mixed_model.hpp"
 #include "host/settings/train_settings.hpp"

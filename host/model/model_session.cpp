@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "host/model/model_session.hpp"
 
-#include "host/run/open_data.hpp"
-#include "host/run/proved_device.hpp"
 #include "host/base/error.hpp"
 #include "host/base/warning.hpp"
+#include "host/run/open_data.hpp"
+#include "host/run/verified_device.hpp"
 #include "host/settings/fields.hpp"
 #include "host/train/run_settings.hpp"
 
@@ -51,8 +51,8 @@ ModelSession::ModelSession(std::shared_ptr<Device> device, const MixedModel& mod
 
 ModelSession::ModelSession(const std::string& device, const MixedModel& model, const Split& split,
                            const TrainSettings& settings, bool depth, bool backward)
-    : ModelSession(open_proved_device(device, drawing_use(model, settings, backward)), model, settings, depth,
-                   backward) {
+    : ModelSession(open_verified_device(device, drawing_use(model, settings, backward)), model, settings,
+                   depth, backward) {
   for (const SplatModel& group : model.groups) check_query(split, group.dim);
   renderer_.set_cameras(cameras_of(split));
 }

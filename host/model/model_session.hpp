@@ -6,8 +6,8 @@
 #include <optional>
 #include <string>
 
-#include "host/formats/splat_file.hpp"
 #include "host/device/registry.hpp"
+#include "host/formats/splat_file.hpp"
 #include "host/pipeline/device_groups.hpp"
 #include "host/scene/dataset.hpp"
 #include "host/settings/train_settings.hpp"

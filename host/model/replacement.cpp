@@ -8,8 +8,8 @@
 #include <algorithm>
 #include <cmath>
 
-#include "host/model/skew_rotation.hpp"
 #include "host/formats/covariance_axes.hpp"
+#include "host/model/skew_rotation.hpp"
 #include "host/scene/slice.hpp"
 
 namespace ubs::reduce {

@@ -4,8 +4,8 @@
 #include <algorithm>
 #include <numbers>
 
-#include "host/scene/camera_rig.hpp"
 #include "host/base/error.hpp"
+#include "host/scene/camera_rig.hpp"
 
 namespace ubs {
 namespace {

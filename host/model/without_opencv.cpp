@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// This file contains functions of host/model/picture.hpp and of host/dataset/video_writer.hpp for builds without
-// OpenCV (UBS_OPENCV=OFF). Such a build can render views to image files, but cannot write videos. Therefore
-// the functions throw an error, except video_extensions(), whose result is a part of a message.
-#include "host/model/picture.hpp"
+// This file contains functions of host/model/picture.hpp and of host/dataset/video_writer.hpp for builds
+// without OpenCV (UBS_OPENCV=OFF). Such a build can render views to image files, but cannot write videos.
+// Therefore the functions throw an error, except video_extensions(), whose result is a part of a message.
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
 #include "host/dataset/video_writer.hpp"
+#include "host/model/picture.hpp"
 
 namespace ubs {
 namespace {

@@ -26,7 +26,7 @@ inline constexpr Declared<void(float* params, u32 count, u32 stride, u32 first_r
                                const float* learning_rates, float beta1, float beta2, float epsilon,
                                float inverse_bias1, float inverse_sqrt_bias2, u32* sentinel, u32 stamp)>
     kLearn{"project_backward_adam"};
-inline constexpr Declared<FitListsKernel> kFitLists{"fit_lists"};
+inline constexpr Declared<FitListsKernel> kFitLists{"clamp_to_capacity"};
 
 // ---- Rasterisers ----
 inline constexpr Declared<void(const float* records, const u32* sorted_ids, const u32* sorted_slots,

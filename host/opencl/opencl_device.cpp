@@ -147,7 +147,7 @@ void OpenclDevice::write_from(Staged& staged, cl_command_queue queue, cl_mem to,
 void OpenclDevice::copy_async(Memory& to, std::span<const std::byte> from) {
   if (from.empty()) return;
   if (!upload_queue_) upload_queue_ = make_queue();
-  if (unjoined_.size() == uploads_.size()) join_uploads();
+  if (pending_uploads_.size() == uploads_.size()) join_uploads();
   cl_event given = nullptr;
   check(clEnqueueMarkerWithWaitList(queue_.get(), 0, nullptr, &given), "clEnqueueMarkerWithWaitList");
   const EventHandle before(given);
@@ -156,15 +156,15 @@ void OpenclDevice::copy_async(Memory& to, std::span<const std::byte> from) {
   next_upload_ = (next_upload_ + 1) % uploads_.size();
   write_from(staged, upload_queue_.get(), handle_of(to), 0, from, {given});
   check(clFlush(upload_queue_.get()), "clFlush");
-  unjoined_.push_back(staged.event.get());
+  pending_uploads_.push_back(staged.event.get());
 }
 
 void OpenclDevice::join_uploads() {
-  if (unjoined_.empty()) return;
-  check(clEnqueueBarrierWithWaitList(queue_.get(), static_cast<cl_uint>(unjoined_.size()), unjoined_.data(),
-                                     nullptr),
+  if (pending_uploads_.empty()) return;
+  check(clEnqueueBarrierWithWaitList(queue_.get(), static_cast<cl_uint>(pending_uploads_.size()),
+                                     pending_uploads_.data(), nullptr),
         "clEnqueueBarrierWithWaitList");
-  unjoined_.clear();
+  pending_uploads_.clear();
 }
 
 void OpenclDevice::read(const Memory& from, std::size_t offset, std::span<std::byte> to) {

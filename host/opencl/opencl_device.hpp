@@ -113,7 +113,7 @@ class OpenclDevice final : public Device, public TunableDevice {
   std::size_t next_staged_ = 0;
   std::array<Staged, 2> uploads_;
   std::size_t next_upload_ = 0;
-  std::vector<cl_event> unjoined_;  // events of uploads that join_uploads() has not yet joined
+  std::vector<cl_event> pending_uploads_;  // events of uploads that join_uploads() has not yet joined
   ReadBlocks reads_;
   mutable std::vector<std::pair<std::string, EventHandle>> pending_;
   mutable std::map<std::string, TimerEntry> timings_;

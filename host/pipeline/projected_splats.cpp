@@ -9,7 +9,7 @@
 namespace ubs {
 
 std::uint32_t Renderer::project_only(const SplatView& splats, std::uint32_t camera,
-                                     const RenderSettings& settings, DrawnSplats& drawn) {
+                                     const RenderSettings& settings, VisibleSplats& drawn) {
   if (splats.count == 0) return 0;
   const RenderGroup group{&stages_, splats};
   choose(std::span(&group, 1), camera, settings, false);
@@ -52,7 +52,7 @@ ListTotals Renderer::forward_projected(std::uint32_t drawn, std::uint32_t camera
 }
 
 void Renderer::take_gradient(const SplatView& splats, std::uint32_t camera, const RenderSettings& settings,
-                             const DrawnSplats& drawn) {
+                             const VisibleSplats& drawn) {
   const RenderGroup group{&stages_, splats};
   choose(std::span(&group, 1), camera, settings, true);
   count_ = splats.count;

@@ -294,8 +294,8 @@ ListTotals Renderer::forward(std::span<const RenderGroup> groups, std::uint32_t 
   // A GPU would be idle while the host waits for the number of intersections. So the host reads this number
   // after it has enqueued all operations of the view.
   if (!for_backward && device_.info().type != DeviceType::cpu && list_room(false).intersections > 0) {
-    UncountedView view = forward_uncounted(groups, camera, settings, false);
-    if (view.had_room()) return totals_ = view.totals();
+    DeferredView view = forward_deferred(groups, camera, settings, false);
+    if (view.had_capacity()) return totals_ = view.totals();
   }
   return forward_counted(groups, camera, settings, for_backward);
 }
@@ -329,16 +329,16 @@ ListTotals Renderer::list_room(bool for_backward) const {
   return room;
 }
 
-UncountedView Renderer::forward_uncounted(const SplatView& splats, std::uint32_t camera,
-                                          const RenderSettings& settings) {
+DeferredView Renderer::forward_deferred(const SplatView& splats, std::uint32_t camera,
+                                        const RenderSettings& settings) {
   const RenderGroup group{&stages_, splats};
-  return forward_uncounted(std::span(&group, 1), camera, settings, true);
+  return forward_deferred(std::span(&group, 1), camera, settings, true);
 }
 
-UncountedView Renderer::forward_uncounted(std::span<const RenderGroup> groups, std::uint32_t camera,
-                                          const RenderSettings& settings, bool for_backward) {
+DeferredView Renderer::forward_deferred(std::span<const RenderGroup> groups, std::uint32_t camera,
+                                        const RenderSettings& settings, bool for_backward) {
   ListTotals room = list_room(for_backward);
-  if (room.intersections == 0) return UncountedView(forward_counted(groups, camera, settings, for_backward));
+  if (room.intersections == 0) return DeferredView(forward_counted(groups, camera, settings, for_backward));
   begin(groups, camera, settings, for_backward);
   room.visible = std::min<std::uint64_t>(room.visible, count_);
   reserve(device_, list_totals_, "list totals", 2);
@@ -353,7 +353,7 @@ UncountedView Renderer::forward_uncounted(std::span<const RenderGroup> groups, s
   return {room, std::move(read), recent_};
 }
 
-const ListTotals& UncountedView::totals() {
+const ListTotals& DeferredView::totals() {
   if (read_) {
     std::array<std::uint64_t, 2> counted{};
     std::memcpy(counted.data(), read_->wait().data(), sizeof counted);
@@ -486,7 +486,7 @@ RenderedView Renderer::download() const {
   return out;
 }
 
-void Renderer::download(const PictureRoom& to, std::vector<std::byte>& staging) const {
+void Renderer::download(const ImageDestination& to, std::vector<std::byte>& staging) const {
   const std::size_t width = static_cast<std::size_t>(shape_.width),
                     height = static_cast<std::size_t>(shape_.height);
   const std::size_t pitch = static_cast<std::size_t>(shape_.pitch()), plane = shape_.plane();

@@ -42,34 +42,34 @@ struct RenderGroup {
 std::vector<float> padded_planes(std::span<const float> planes, const ImageShape& shape);
 std::vector<float> cropped_planes(std::span<const float> padded, const ImageShape& shape);
 
-// PictureRoom is the destination of a downloaded view. Its members have the layout of the members of
+// ImageDestination is the destination of a downloaded view. Its members have the layout of the members of
 // RenderedView. A member is not downloaded if its span is empty.
-struct PictureRoom {
+struct ImageDestination {
   std::span<float> rgb, alpha, depth;
 };
 
-// DrawnSplats holds the visible splats of a view in a process that projects its splats for this view, while
+// VisibleSplats holds the visible splats of a view in a process that projects its splats for this view, while
 // another process renders the view. See PickDrawn in stages.hpp.
-struct DrawnSplats {
+struct VisibleSplats {
   Buffer<std::uint32_t> places;
   Buffer<float> rows;  // one row per visible splat: first its record, later the gradient of the record
 };
 
-// UncountedView is a view whose rendering was started before the host knew the length of its tile lists.
-class UncountedView {
+// DeferredView is a view whose rendering was started before the host knew the length of its tile lists.
+class DeferredView {
  public:
   // Creates a view whose intersections were counted before it was rendered.
-  explicit UncountedView(const ListTotals& known) : totals_(known) {}
+  explicit DeferredView(const ListTotals& known) : totals_(known) {}
   // `room` contains the maximum numbers of visible splats and intersections that the view may have. `recent`
   // contains the maxima of recent views. totals() updates `recent`, so that variable must outlive the view.
-  UncountedView(const ListTotals& room, std::unique_ptr<PendingRead> read, ListTotals& recent)
+  DeferredView(const ListTotals& room, std::unique_ptr<PendingRead> read, ListTotals& recent)
       : room_(room), read_(std::move(read)), recent_(&recent) {}
 
   // Waits until the intersections are counted, but not until the view is rendered.
   const ListTotals& totals();
   // Returns whether the view had at most the maximum numbers of visible splats and intersections. If not, it
   // was rendered as if it had no splats, and its image and gradient must not be used.
-  bool had_room() {
+  bool had_capacity() {
     return totals().visible <= room_.visible && totals().intersections <= room_.intersections;
   }
 
@@ -108,10 +108,10 @@ class Renderer {
   // Renders one view for a later call of backward(), without waiting for the size of its lists. The view can
   // have up to 1.25 times as many visible splats and intersections as the maxima of recent views, if the
   // existing buffers are large enough. If there are no buffers yet, the call waits like forward(). Image and
-  // gradient must not be used before UncountedView::had_room() has returned true. If had_room() returns
-  // false, the caller must render the view again with forward(), which enlarges the buffers.
-  UncountedView forward_uncounted(const SplatView& splats, std::uint32_t camera,
-                                  const RenderSettings& settings);
+  // gradient must not be used before DeferredView::had_capacity() has returned true. If had_capacity()
+  // returns false, the caller must render the view again with forward(), which enlarges the buffers.
+  DeferredView forward_deferred(const SplatView& splats, std::uint32_t camera,
+                                const RenderSettings& settings);
   // Computes the gradient of the parameters for the last rendered view from v_image(), the gradient of its
   // image. The result is stored in v_params, which has one buffer per group with the layout of the
   // parameters. With `accumulate`, it is added to the previous contents of v_params.
@@ -128,9 +128,9 @@ class Renderer {
   // gradients of the records, take_gradient() copies them to v_records(). Then the caller must call
   // backward_from_records() or learn().
   std::uint32_t project_only(const SplatView& splats, std::uint32_t camera, const RenderSettings& settings,
-                             DrawnSplats& drawn);
+                             VisibleSplats& drawn);
   void take_gradient(const SplatView& splats, std::uint32_t camera, const RenderSettings& settings,
-                     const DrawnSplats& drawn);
+                     const VisibleSplats& drawn);
   // In the process that renders, the caller stores `drawn` records in drawn_records(), calls
   // forward_projected(), and then calls backward_to_records(). take_v_records() swaps `rows` with the buffer
   // of v_records().
@@ -195,7 +195,7 @@ class Renderer {
   RenderedView download() const;
   // Downloads the last rendered view into existing memory. `staging` is temporary memory; pass the same
   // vector for every image to reuse it.
-  void download(const PictureRoom& to, std::vector<std::byte>& staging) const;
+  void download(const ImageDestination& to, std::vector<std::byte>& staging) const;
   // Returns the capacity of the lists in (tile, splat) pairs. It is at least the maximum number of pairs of
   // all views so far.
   std::uint64_t intersection_capacity() const { return sorted_ids_.size(); }
@@ -227,8 +227,8 @@ class Renderer {
   ListTotals list_room(bool for_backward) const;
   ListTotals forward_counted(std::span<const RenderGroup> groups, std::uint32_t camera,
                              const RenderSettings& settings, bool for_backward);
-  UncountedView forward_uncounted(std::span<const RenderGroup> groups, std::uint32_t camera,
-                                  const RenderSettings& settings, bool for_backward);
+  DeferredView forward_deferred(std::span<const RenderGroup> groups, std::uint32_t camera,
+                                const RenderSettings& settings, bool for_backward);
 
   Device& device_;
   Stages& stages_;
@@ -237,7 +237,7 @@ class Renderer {
 
   Buffer<float> records_, v_records_;
   Buffer<std::uint32_t> depth_keys_, tile_rects_, tile_counts_, slot_offsets_;
-  Buffer<std::uint64_t> list_totals_;  // (2): the numbers that UncountedView::totals() reads
+  Buffer<std::uint64_t> list_totals_;  // (2): the numbers that DeferredView::totals() reads
   ListTotals recent_;                  // results of recent_maximum() in renderer.cpp
   Buffer<std::uint32_t> sorted_ids_, sorted_slots_, tile_ranges_, long_lists_;
   Buffer<std::uint16_t> masks_;

@@ -21,8 +21,8 @@ std::byte* within_reach(Communicator& ranks, const Buffer<float>& rows) {
 
 }  // namespace
 
-std::span<const std::byte> Freight::out(Communicator& ranks, Device& device, const Buffer<float>& rows,
-                                        std::size_t bytes) {
+std::span<const std::byte> TransferBuffer::out(Communicator& ranks, Device& device, const Buffer<float>& rows,
+                                               std::size_t bytes) {
   if (bytes == 0) return {};
   if (const std::byte* const at = within_reach(ranks, rows)) {
     device.finish();
@@ -34,7 +34,7 @@ std::span<const std::byte> Freight::out(Communicator& ranks, Device& device, con
   return room;
 }
 
-std::byte* Freight::in(Communicator& ranks, Buffer<float>& rows, std::size_t bytes) {
+std::byte* TransferBuffer::in(Communicator& ranks, Buffer<float>& rows, std::size_t bytes) {
   room_bytes_ = 0;
   if (bytes == 0) return nullptr;
   if (std::byte* const at = within_reach(ranks, rows)) return at;
@@ -43,7 +43,7 @@ std::byte* Freight::in(Communicator& ranks, Buffer<float>& rows, std::size_t byt
   return room_.data();
 }
 
-void Freight::arrived(Device& device, Buffer<float>& rows) const {
+void TransferBuffer::arrived(Device& device, Buffer<float>& rows) const {
   if (room_bytes_ > 0) device.write(*rows.view().memory, 0, std::span(room_).first(room_bytes_));
 }
 

@@ -11,13 +11,13 @@
 #include <optional>
 
 #include "host/cluster/communicator.hpp"
-#include "host/cluster/deal.hpp"
+#include "host/cluster/view_assignment.hpp"
 #include "host/pipeline/renderer.hpp"
 
 namespace ubs {
 
-// Freight is a transfer buffer for rows that are sent to other ranks or received from them.
-class Freight {
+// TransferBuffer is a transfer buffer for rows that are sent to other ranks or received from them.
+class TransferBuffer {
  public:
   // Waits until the device has computed the rows, and returns their bytes. They are valid until the next
   // call.
@@ -45,8 +45,8 @@ class SharedRenderer {
 
   // Part holds the splats that this rank contributes to the view of one of the ranks.
   struct Part {
-    DrawnSplats drawn;
-    Freight freight;
+    VisibleSplats drawn;
+    TransferBuffer freight;
     std::uint32_t count = 0;
   };
   // Round describes the views that the ranks render at the same time, one per rank. For each Round, the
@@ -89,7 +89,7 @@ class SharedRenderer {
   Renderer& drawer_;         // renders whole views
   Renderer owner_;           // projects this rank's splats to records
   Buffer<float> gradients_;  // of all splats in the view that this rank has rendered
-  Freight gradient_freight_;
+  TransferBuffer gradient_freight_;
   // Parts that later rounds reuse. Each round in progress uses one entry, so the number of entries is the
   // maximum number of rounds that were in progress at the same time.
   std::vector<std::shared_ptr<std::vector<Part>>> parts_;

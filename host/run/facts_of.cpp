@@ -39,7 +39,7 @@ double median_pixels(const Split& train) {
 struct Look {
   // True if almost all pixels at the borders of the images have the same colour, which is typical of images
   // that show a single object in front of a plain background.
-  bool lone_object = false;
+  bool plain_background = false;
   std::array<double, 3> mean_colour{};  // 0 to 1, rounded to two decimal places
 };
 
@@ -68,7 +68,8 @@ Look look_at(const Split& train) {
       }
   }
   Look look;
-  look.lone_object = outermost > 0 && static_cast<double>(same) >= kPlain * static_cast<double>(outermost);
+  look.plain_background =
+      outermost > 0 && static_cast<double>(same) >= kPlain * static_cast<double>(outermost);
   if (all > 0)
     for (std::size_t c = 0; c < 3; ++c)
       look.mean_colour[c] = std::round(100 * sum[c] / (255.0 * static_cast<double>(all))) / 100;
@@ -138,11 +139,12 @@ double typical_depth(const Dataset& data, const Split& train) {
 }
 
 // Returns where the splats are placed if there are no points.
-std::string start_text(const Dataset& data, const Split& train, const TrainSettings& asked, bool lone_object) {
+std::string start_text(const Dataset& data, const Split& train, const TrainSettings& asked,
+                       bool plain_background) {
   if (data.depth_bounds.size() == train.views.size()) return "within the depth range given by the data";
   if (asked.init_extent != kAuto)
     return fmt::format("within {} of the origin along each axis", asked.init_extent);
-  return initial_space(cameras_of(train), lone_object).text;
+  return initial_space(cameras_of(train), plain_background).text;
 }
 
 }  // namespace
@@ -189,11 +191,11 @@ Facts facts_of(Dataset& data, const Split& train, const TrainSettings& asked, bo
   facts.random_points = static_cast<std::size_t>(std::clamp(facts.pixels / 3, 100.0, 1e5));
   facts.transparent = transparent == train.views.end() ? "" : transparent->name;
   facts.mean_colour = look.mean_colour;
-  facts.lone_object = look.lone_object;
-  facts.few_photographs = !look.lone_object && facts.opaque() && facts.views <= kFewPhotographs;
+  facts.plain_background = look.plain_background;
+  facts.few_images = !look.plain_background && facts.opaque() && facts.views <= kFewPhotographs;
   facts.wide_images =
       std::ranges::any_of(train.views, [](const View& view) { return !view.part_of.empty(); });
-  if (facts.points == 0) facts.start = start_text(data, train, asked, facts.lone_object);
+  if (facts.points == 0) facts.start = start_text(data, train, asked, facts.plain_background);
   return facts;
 }
 

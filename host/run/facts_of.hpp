@@ -2,8 +2,8 @@
 // facts_of() determines the properties of training data that automatic settings depend on.
 #pragma once
 
-#include "host/scene/dataset.hpp"
 #include "host/dataset/load_dataset.hpp"
+#include "host/scene/dataset.hpp"
 #include "host/settings/facts.hpp"
 #include "host/settings/train_settings.hpp"
 

@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "host/run/open_data.hpp"
 
-#include "host/run/run_cameras.hpp"
 #include "host/base/error.hpp"
 #include "host/base/warning.hpp"
 #include "host/dataset/packed.hpp"
+#include "host/run/run_cameras.hpp"
 
 namespace ubs {
 

@@ -109,7 +109,7 @@ void use_run_cameras(const std::filesystem::path& folder, Split& split, const st
   for (View& view : split.views) {
     const auto at = found.find(view_in_split(split.name, view.name));
     if (at == found.end()) continue;
-    take_lens(view.camera, at->second);
+    copy_intrinsics(view.camera, at->second);
     if (split.name != "train") continue;
     view.camera.rotation = at->second.rotation;
     view.camera.translation = at->second.translation;
@@ -123,7 +123,7 @@ std::vector<Camera> run_cameras(const std::filesystem::path& folder, const Split
   for (std::size_t i = 0; i < cameras.size(); ++i) {
     const auto at = found.find(view_in_split(split.name, split.views[i].name));
     if (at == found.end()) return {};
-    take_lens(cameras[i], at->second);
+    copy_intrinsics(cameras[i], at->second);
     cameras[i].rotation = at->second.rotation;
     cameras[i].translation = at->second.translation;
   }

@@ -12,7 +12,7 @@
 #include "host/formats/foreign_formats.hpp"
 #include "host/run/facts_of.hpp"
 #include "host/run/open_data.hpp"
-#include "host/run/proved_device.hpp"
+#include "host/run/verified_device.hpp"
 #include "host/scene/camera_rig.hpp"
 #include "host/scene/frustum_points.hpp"
 #include "host/scene/initialise.hpp"
@@ -46,7 +46,7 @@ PointCloud thinned(PointCloud points, std::size_t most) {
 // Removes points closer than `room` to any camera, because they would cover its image: a point behind the
 // scene for one camera can be just in front of a camera on the other side. Keeps all points if this would
 // remove three quarters of them or more.
-void leave_room(PointCloud& cloud, std::span<const View> views, double room) {
+void remove_points_near_cameras(PointCloud& cloud, std::span<const View> views, double room) {
   PointCloud kept;
   for (std::size_t i = 0; i < cloud.positions.size(); ++i) {
     const auto& p = cloud.positions[i];
@@ -102,7 +102,7 @@ TrainingRun::TrainingRun(std::shared_ptr<const Dataset> data, TrainSettings aske
         facts_.start));
   for (const std::string& warning : settled.warnings) warn("{}", warning);
   chosen_ = changed_keys(asked_, plan_->recorded());
-  std::erase(chosen_, "budget");
+  if (asked_.budget != "auto") std::erase(chosen_, "budget");
   const int dim = plan_->settings().dim;
   check_query(train_, dim);
   if (const Split* test = data_->find("test")) {
@@ -172,7 +172,7 @@ SplatModel TrainingRun::initial() const {
   if (rest_.depth_bounds.size() == train_.views.size())
     return from(sample_frusta(train_.views, rest_.depth_bounds, points, s.seed));
   if (s.init_extent != kAuto) return initialise_random(s.dim, points, s.seed, init);
-  const InitialSpace space = initial_space(cameras_of(train_), facts_.lone_object);
+  const InitialSpace space = initial_space(cameras_of(train_), facts_.plain_background);
   if (space.half > 0) {
     init.centre = space.centre;
     init.box = space.half;
@@ -187,7 +187,7 @@ SplatModel TrainingRun::initial() const {
   const std::span<const View> views = step > 1 ? some : train_.views;
   const std::vector<std::array<double, 2>> bounds(views.size(), {space.near, space.far});
   PointCloud cloud = sample_frusta(views, bounds, 2 * points, s.seed, PointColours::pixels);
-  leave_room(cloud, views, space.near);
+  remove_points_near_cameras(cloud, views, space.near);
   return from(thinned(std::move(cloud), points));
 }
 
@@ -201,16 +201,16 @@ SplatModel TrainingRun::model() const {
   return model;
 }
 
-TrainSettings TrainingRun::drawn_settings() const {
+TrainSettings TrainingRun::settings_with_learnt_background() const {
   TrainSettings drawn = plan().recorded();
-  drawn.background = trainer_->scene().drawn_settings().background;
+  drawn.background = trainer_->scene().settings_with_learnt_background().background;
   return drawn;
 }
 
-ModelNotes TrainingRun::notes() const { return notes_for(drawn_settings(), cameras_); }
+ModelNotes TrainingRun::notes() const { return notes_for(settings_with_learnt_background(), cameras_); }
 
 std::vector<std::string> TrainingRun::comments() const {
-  return model_comments(rest_.offset, drawn_settings(), cameras_);
+  return model_comments(rest_.offset, settings_with_learnt_background(), cameras_);
 }
 
 ModelNotes notes_for(const TrainSettings& settings, std::span<const Camera> cameras) {

@@ -4,7 +4,7 @@
 // give the same plan in all of them. The steps are:
 //   1. The constructor takes the training and test views, determines the facts about the data, and settles
 //      the plan.
-//   2. use() tells which kernels the caller has to verify on the device (proved_device.hpp).
+//   2. use() tells which kernels the caller has to verify on the device (verified_device.hpp).
 //   3. fit_to_budget() measures steps and chooses the number of iterations, if there is a budget.
 //   4. initial() makes the model that training starts with. The caller may use another one.
 //   5. start() compiles the kernels and makes the Trainer. Its run() trains.
@@ -31,8 +31,8 @@ namespace ubs {
 class TrainingRun {
  public:
   // The images in `data` are not copied. `begins` says whether training starts with a new model; if not, no
-  // points are searched for. Logs warnings about settings and data that will probably give a bad model. Throws
-  // an error if the data cannot be trained with these settings.
+  // points are searched for. Logs warnings about settings and data that will probably give a bad model.
+  // Throws an error if the data cannot be trained with these settings.
   TrainingRun(std::shared_ptr<const Dataset> data, TrainSettings asked, bool begins = true);
   TrainingRun(const TrainingRun&) = delete;
   TrainingRun& operator=(const TrainingRun&) = delete;
@@ -62,8 +62,8 @@ class TrainingRun {
                ImageMetrics* networks = nullptr) const;
 
   // If the settings ask for a budget, chooses the largest number of iterations that is expected to fit, and
-  // settles the plan again. `warm` compiles kernels (warm_up()); `spent` returns the seconds of the budget that
-  // have passed. Throws Error(usage) if the budget is too short.
+  // settles the plan again. `warm` compiles kernels (warm_up()); `spent` returns the seconds of the budget
+  // that have passed. Throws Error(usage) if the budget is too short.
   double time_limit() const { return budget_seconds(asked_); }  // [s]; 0: none
   void fit_to_budget(Device& device, const std::function<void(const Plan&, const SplatModel&)>& warm,
                      const std::function<double()>& spent);
@@ -71,10 +71,10 @@ class TrainingRun {
   // there is none.
   TimeBudget budget_from(double spent) const;
 
-  // Returns the initial model, with at most cap_max splats, in units of the training. The splats are placed at
-  // the points of the data, if there are any. Otherwise they are placed at random: between the depth bounds,
-  // if the data state them; otherwise in the box of size init_extent, if this setting is set; otherwise in the
-  // space that the cameras see (host/scene/camera_rig.hpp).
+  // Returns the initial model, with at most cap_max splats, in units of the training. The splats are placed
+  // at the points of the data, if there are any. Otherwise they are placed at random: between the depth
+  // bounds, if the data state them; otherwise in the box of size init_extent, if this setting is set;
+  // otherwise in the space that the cameras see (host/scene/camera_rig.hpp).
   SplatModel initial() const;
   // Makes the trainer. The device and `ranks` must outlive it.
   Trainer& start(Device& device, const SplatModel& initial, Communicator& ranks = alone());
@@ -87,7 +87,7 @@ class TrainingRun {
   ModelNotes notes() const;
   std::vector<std::string> comments() const;
   // Returns the settings with the background that was learnt so far.
-  TrainSettings drawn_settings() const;
+  TrainSettings settings_with_learnt_background() const;
 
  private:
   std::shared_ptr<const Dataset> data_;

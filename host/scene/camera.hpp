@@ -29,7 +29,7 @@ struct Camera {
 };
 
 // Copies the focal lengths and the principal point.
-inline void take_lens(Camera& to, const Camera& from) {
+inline void copy_intrinsics(Camera& to, const Camera& from) {
   to.fx = from.fx, to.fy = from.fy, to.cx = from.cx, to.cy = from.cy;
 }
 

@@ -75,7 +75,7 @@ std::vector<Camera> moved_together(std::span<const Camera> given, std::span<cons
   return together;
 }
 
-void hold_gauge(std::vector<Camera>& cameras, std::span<const Camera> given) {
+void fix_similarity(std::vector<Camera>& cameras, std::span<const Camera> given) {
   Vec3 mean_turn{};
   for (std::size_t i = 0; i < cameras.size(); ++i)
     mean_turn = mean_turn + turn_of(product(transposed(cameras[i].rotation), given[i].rotation));

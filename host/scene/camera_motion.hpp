@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // CameraMove describes a small motion of a camera. Camera refinement (method.md 4.10) and pose fitting
-// optimise these motions. hold_gauge() removes the common rotation, translation and scaling of all cameras,
-// which cannot be determined from images.
+// optimise these motions. fix_similarity() removes the common rotation, translation and scaling of all
+// cameras, which cannot be determined from images.
 #pragma once
 
 #include <array>
@@ -40,10 +40,10 @@ CameraMove pose_move(const Camera& from, const Camera& to, double depth);
 std::vector<Camera> moved_together(std::span<const Camera> given, std::span<const Camera> moved);
 
 // If the scene and all cameras are rotated, translated and scaled together, no image changes. This common
-// transformation can therefore be chosen freely. hold_gauge() transforms all cameras so that their mean
+// transformation can therefore be chosen freely. fix_similarity() transforms all cameras so that their mean
 // rotation relative to the given cameras is 0. The mean of their centres, and the mean squared distance of
 // the centres from this mean, are then the same as for the given cameras. If the cameras have the same
 // position, their distances are not scaled.
-void hold_gauge(std::vector<Camera>& cameras, std::span<const Camera> given);
+void fix_similarity(std::vector<Camera>& cameras, std::span<const Camera> given);
 
 }  // namespace ubs

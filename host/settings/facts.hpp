@@ -24,8 +24,8 @@ struct Facts {
   std::string start;                    // where they are placed, for the user
   std::string transparent = "?";        // first image with transparent pixels; empty if all are opaque
   std::array<double, 3> mean_colour{};  // of some images, from 0 to 1
-  bool lone_object = false;             // the images show an object in front of a plain background
-  bool few_photographs = false;         // there are so few images that a model overfits them
+  bool plain_background = false;        // the images show an object in front of a plain background
+  bool few_images = false;              // there are so few images that a model overfits them
   bool wide_images = false;             // the views are parts of wide images
   bool opaque() const { return transparent.empty(); }
 };

@@ -18,8 +18,8 @@ namespace ubs {
 class Schedule {
  public:
   // `initial` is the number of splats at the start. It is not reduced if it exceeds cap_max. `extent` is the
-  // scene extent, by which the learning rate of positions is multiplied. The settings must be those of a plan;
-  // the number of splats only depends on the automatic settings cap_max, refine and growth.
+  // scene extent, by which the learning rate of positions is multiplied. The settings must be those of a
+  // plan; the number of splats only depends on the automatic settings cap_max, refine and growth.
   Schedule(TrainSettings settings, std::size_t initial, double extent = 1);
 
   // Returns a schedule with other settings, but with the same `initial` and `extent`.

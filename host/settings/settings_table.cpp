@@ -280,7 +280,7 @@ const Field<S> kTrainingFields[] = {
               if (!fast(s))
                 s.beta_dir_init =
                     s.dim == 7 && s.variant.has_query_beta() && !s.variant.learnt_weights() ? -3 : 0;
-              else if (f.points > 0 && !f.lone_object && !has_time(s.dim))
+              else if (f.points > 0 && !f.plain_background && !has_time(s.dim))
                 s.beta_dir_init = falling(s, kFastBetaDir, kDirectionPower);
               else
                 s.beta_dir_init = kFastBetaDir;
@@ -318,7 +318,7 @@ const Field<S> kTrainingFields[] = {
             [](S& s, const S&, const Facts& f) {
               s.opacity_reg = f.wide_images                                 ? kWideOpacityReg
                               : !fast(s)                                    ? kOpacityReg
-                              : f.few_photographs                           ? kFewOpacityReg
+                              : f.few_images                                ? kFewOpacityReg
                               : s.random_background == RandomBackground::on ? kOpaqueOpacityReg
                                                                             : kOpacityReg;
             }),

@@ -15,6 +15,7 @@
 
 #include "host/base/background.hpp"
 #include "host/base/index_range.hpp"
+#include "host/scene/appearance_kind.hpp"
 #include "host/scene/math_mode.hpp"
 #include "host/scene/model_variant.hpp"
 #include "host/settings/field.hpp"
@@ -30,7 +31,6 @@ inline constexpr int kScheduleLength = 30000;
 inline constexpr int kDefaultIterations = 16000;
 inline constexpr double kDefaultSeconds = 900;
 
-enum class Appearance { none, gain, affine };  // kernels/math/appearance.h
 enum class RefineCameras { none, pose, pose_and_intrinsics };
 enum class RandomBackground { automatic, off, on };
 enum class ListCounts { automatic, wait, bound };
@@ -43,7 +43,7 @@ enum class ScheduleKind { fast, published };
 // In each enumeration, the enumerators are in the order of their words in the table of fields.
 struct TrainSettings : ReadSettings {
   // Model
-  int dim = kAutoInt;                 // 3, 4 (with time), 6 (with direction), 7 (with both), ..., 11, or kAutoInt
+  int dim = kAutoInt;          // 3, 4 (with time), 6 (with direction), 7 (with both), ..., 11, or kAutoInt
   int init_points = kAutoInt;  // number of random initial splats if there are no points
   // Random initial splats are in [-init_extent, init_extent]^3; auto: in the space that the cameras see.
   double init_extent = kAuto;

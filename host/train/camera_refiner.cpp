@@ -8,6 +8,7 @@
 
 #include "host/base/error.hpp"
 #include "host/base/stopwatch.hpp"
+#include "host/settings/train_settings.hpp"
 
 namespace ubs {
 namespace {
@@ -93,7 +94,7 @@ Camera CameraRefiner::with_lens(const Camera& camera) const {
   Camera out = camera;
   for (std::size_t i = 0; i < given_.size(); ++i)
     if (has_own_lens(i) && same_lens(given_[i], camera)) {
-      take_lens(out, cameras_[i]);
+      copy_intrinsics(out, cameras_[i]);
       break;
     }
   return out;
@@ -156,7 +157,7 @@ void CameraRefiner::refine_lens(const Drawing& drawing, int factor, std::size_t 
     change[k] = std::clamp(change[k], way[k] - kMostLens, way[k] + kMostLens);
   std::vector<Camera> next = cameras_;
   for (std::size_t i = 0; i < next.size(); ++i)
-    if (lens_[i] == lens) take_lens(next[i], moved(cameras_[lens], change, depth_[lens]));
+    if (lens_[i] == lens) copy_intrinsics(next[i], moved(cameras_[lens], change, depth_[lens]));
   double squares = held(next[lens]);
   for (auto& [view, own] : views) {
     for (std::size_t k = 0; k < kPoseMoves; ++k)
@@ -178,7 +179,7 @@ void CameraRefiner::sweep(const Drawing& drawing, int factor, double done) {
     const std::vector<Camera> cameras = refined(drawing, factor, views, ridge);
     for (std::size_t k = 0; k < views.size(); ++k) cameras_[views[k]] = cameras[k];
   }
-  hold_gauge(cameras_, given_);
+  fix_similarity(cameras_, given_);
 }
 
 std::vector<Camera> CameraRefiner::refined(const Drawing& drawing, int factor,

@@ -13,6 +13,8 @@
 
 namespace ubs {
 
+enum class RefineCameras;  // train_settings.hpp
+
 class CameraRefiner {
  public:
   // Computes the depth of each camera's pivot (camera_motion.hpp) from the splats of `initial`. `what`
@@ -26,9 +28,9 @@ class CameraRefiner {
   Camera with_lens(const Camera& camera) const;
 
   // Takes one step of every camera, on images that are reduced by `factor` or more, and then calls
-  // hold_gauge(). The views of a wide image keep a common position and the given angles between them. Their
-  // lens is not refined, because it is not the lens of the photograph. `done` is the share of all sweeps that
-  // have already taken place.
+  // fix_similarity(). The views of a wide image keep a common position and the given angles between them.
+  // Their lens is not refined, because it is not the lens of the photograph. `done` is the share of all
+  // sweeps that have already taken place.
   void sweep(const Drawing& drawing, int factor, double done);
   // Returns the estimated time of a sweep in seconds. The function measures the step for the first image,
   // without changing its cameras, and derives the time of all cameras from it.

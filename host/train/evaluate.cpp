@@ -9,6 +9,7 @@
 #include "host/base/warning.hpp"
 #include "host/pipeline/masked_metrics.hpp"
 #include "host/scene/wide_image.hpp"
+#include "host/settings/train_settings.hpp"
 #include "host/train/fit_appearance.hpp"
 #include "host/train/target_loss.hpp"
 

@@ -13,6 +13,7 @@
 #include "host/cluster/communicator.hpp"
 #include "host/pipeline/image_metrics.hpp"
 #include "host/pipeline/renderer.hpp"
+#include "host/scene/appearance_kind.hpp"
 #include "host/scene/dataset.hpp"
 #include "host/train/target_images.hpp"
 

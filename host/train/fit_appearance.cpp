@@ -6,6 +6,7 @@
 #include <cmath>
 
 #include "host/base/error.hpp"
+#include "host/settings/train_settings.hpp"
 
 namespace ubs {
 namespace {

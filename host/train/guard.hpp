@@ -81,7 +81,7 @@ class Guard {
   int looked_ = 0;                  // iteration of the last call of look()
   bool left_out_ = false;           // whether the last iteration had no gradient
   std::array<std::uint64_t, kLookEvery + 1> adam_steps_{};  // indexed by iteration modulo the size
-  std::optional<TrainState> good_;  // state to which a rollback returns
+  std::optional<TrainState> good_;                          // state to which a rollback returns
   std::function<void(const std::string&)> report_;
 };
 

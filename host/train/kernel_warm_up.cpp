@@ -8,10 +8,10 @@
 #include "host/base/stopwatch.hpp"
 #include "host/device/operations.hpp"
 #include "host/pipeline/renderer.hpp"
+#include "host/settings/schedule.hpp"
 #include "host/train/evaluate.hpp"
 #include "host/train/pyramid.hpp"
 #include "host/train/run_settings.hpp"
-#include "host/settings/schedule.hpp"
 #include "host/train/target_loss.hpp"
 
 namespace ubs {
@@ -69,7 +69,7 @@ void KernelWarmUp::learn(Stages& stages) {
   const RenderSettings render = render_settings(settings_);
   renderer.forward(model_.view(), 0, render, true);
   if (lists_uncounted(settings_, device_.info()))
-    renderer.forward_uncounted(model_.view(), 0, render).totals();
+    renderer.forward_deferred(model_.view(), 0, render).totals();
   ImageLoss loss = training_loss(renderer, targets_.get(0), settings_, sums_.view());
   Buffer<float> appearance, v_appearance;
   if (settings_.appearance != Appearance::none) {
@@ -146,11 +146,11 @@ SplatModel copies(const SplatModel& model, std::size_t target) {
   return grown;
 }
 
-double view_seconds(Device& device, const Plan& plan, const Split& train,
-                    const SplatModel& model) {
+double view_seconds(Device& device, const Plan& plan, const Split& train, const SplatModel& model) {
   constexpr std::size_t kMaxMeasured = 200'000;
   constexpr int kTimes = 5;
-  KernelWarmUp warm_up(device, plan.settings(), train.views[0], copies(model, std::min(model.count, kMaxMeasured)));
+  KernelWarmUp warm_up(device, plan.settings(), train.views[0],
+                       copies(model, std::min(model.count, kMaxMeasured)));
   double least = std::numeric_limits<double>::infinity();
   for (int i = 0; i < kTimes; ++i) {
     const Stopwatch watch;

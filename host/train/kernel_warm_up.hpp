@@ -50,8 +50,7 @@ SplatModel copies(const SplatModel& model, std::size_t target);
 // Returns the seconds that KernelWarmUp::learn() takes on this device with the first view of `train`. This is
 // the minimum of several measurements. The result is only used to compare devices, so at most 200 000 splats
 // are measured.
-double view_seconds(Device& device, const Plan& plan, const Split& train,
-                    const SplatModel& model);
+double view_seconds(Device& device, const Plan& plan, const Split& train, const SplatModel& model);
 
 // Makes the device compile every kernel that training with these splits and the initial model `initial` can
 // launch, including the evaluation with `more`. Throws the same errors as the first training steps, and

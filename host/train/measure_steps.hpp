@@ -11,9 +11,9 @@
 
 namespace ubs {
 
-// Returns a plan for measuring the time of the training steps of `plan`. A run with the returned plan does not
-// refine, so its number of splats, which must be at most `most`, stays the same. It has so many iterations that
-// the measurement never reaches its end.
+// Returns a plan for measuring the time of the training steps of `plan`. A run with the returned plan does
+// not refine, so its number of splats, which must be at most `most`, stays the same. It has so many
+// iterations that the measurement never reaches its end.
 Plan measuring_plan(const Plan& plan, std::size_t most);
 
 // Returns the milliseconds per step for each level of the image pyramid, for steps that start from `state`.

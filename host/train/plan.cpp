@@ -13,10 +13,10 @@
 #include "host/base/stopwatch.hpp"
 #include "host/device/operations.hpp"
 #include "host/pipeline/device_groups.hpp"
+#include "host/settings/schedule.hpp"
 #include "host/train/kernel_warm_up.hpp"
 #include "host/train/measure_steps.hpp"
 #include "host/train/run_settings.hpp"
-#include "host/settings/schedule.hpp"
 
 namespace ubs {
 namespace {
@@ -201,7 +201,7 @@ double mean_step_ms(const RunPlan& plan, const Schedule& schedule, const std::ve
 
 }  // namespace
 
-std::string fit_text(const RunPlan& plan, const DeviceInfo& device) {
+std::string memory_fit_text(const RunPlan& plan, const DeviceInfo& device) {
   const std::string why = memory_shortage(plan.memory, device);
   return why.empty() ? "fits" : "does not fit: " + why;
 }

@@ -59,7 +59,7 @@ struct RunPlan {
 };
 
 // Returns "fits", or a string that starts with "does not fit" and explains which limit is exceeded.
-std::string fit_text(const RunPlan& plan, const DeviceInfo& device);
+std::string memory_fit_text(const RunPlan& plan, const DeviceInfo& device);
 
 // Estimates a training run. Throws Error(memory) if training would run out of memory before its first
 // iteration.

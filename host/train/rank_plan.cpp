@@ -28,7 +28,7 @@ constexpr std::size_t kRecordBytes = kSplatStride * sizeof(float);
 // offset.
 constexpr double kDrawnBytes = 3 * kRecordBytes + 20;
 // Number of rounds that are transferred at the same time. The buffers of each round hold the records or the
-// gradients, and DrawnSplats::places.
+// gradients, and VisibleSplats::places.
 constexpr double kRounds = 3;
 
 struct RankTimes {
@@ -72,12 +72,12 @@ class RankStep {
                    drawer_.learn(false, penalty(), step());
                  });
       // Simulates the exchange: the data that this rank sends are received as if another rank had sent them.
-      DrawnSplats seen;
+      VisibleSplats seen;
       Buffer<float> gradient;
-      Freight sent, come, sent_back, come_back;
+      TransferBuffer sent, come, sent_back, come_back;
       std::span<const std::byte> on_the_way;
       std::uint32_t drawn = 0;
-      const auto receive = [&](Freight& freight, Buffer<float>& rows) {
+      const auto receive = [&](TransferBuffer& freight, Buffer<float>& rows) {
         std::ranges::copy(on_the_way, freight.in(alone(), rows, on_the_way.size()));
         freight.arrived(device_, rows);
       };

@@ -9,8 +9,8 @@
 #include "host/device/operations.hpp"
 #include "host/device/tuning.hpp"
 #include "host/scene/frozen_groups.hpp"
-#include "host/settings/fields.hpp"
 #include "host/scene/splat_model.hpp"
+#include "host/settings/fields.hpp"
 #include "host/train/target_images.hpp"
 
 namespace ubs {

@@ -7,7 +7,7 @@
 #include <memory>
 
 #include "host/cluster/communicator.hpp"
-#include "host/cluster/deal.hpp"
+#include "host/cluster/view_assignment.hpp"
 #include "host/pipeline/shared_renderer.hpp"
 #include "host/train/view_passes.hpp"
 
@@ -24,8 +24,8 @@ class SharedViewPasses final : public ViewPasses {
 
   // Sets how many views of a batch each rank renders. Without this call, these numbers differ by at most one.
   // Must be called before the first step.
-  void deal_views(std::vector<std::uint64_t> by_rank) { deal_ = Deal(std::move(by_rank)); }
-  const Deal& deal() const { return deal_; }
+  void assign_views(std::vector<std::uint64_t> by_rank) { deal_ = ViewAssignment(std::move(by_rank)); }
+  const ViewAssignment& deal() const { return deal_; }
   // Returns the number of bytes that this rank has sent.
   std::uint64_t bytes_sent() const { return shared_.bytes_sent(); }
   // Renders a training view on the device of every rank and compares the images. On the first rank, returns
@@ -49,7 +49,7 @@ class SharedViewPasses final : public ViewPasses {
 
   Communicator& ranks_;
   SharedRenderer shared_;
-  Deal deal_;
+  ViewAssignment deal_;
 };
 
 // Returns the ViewPasses of this rank. This is a SharedViewPasses or, if there is only one rank, an object of

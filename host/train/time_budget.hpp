@@ -10,9 +10,9 @@
 #include <vector>
 
 #include "host/scene/dataset.hpp"
+#include "host/settings/schedule.hpp"
 #include "host/settings/settle.hpp"
 #include "host/train/pyramid.hpp"
-#include "host/settings/schedule.hpp"
 #include "host/train/train_state.hpp"
 
 namespace ubs {
@@ -93,10 +93,10 @@ double expected_seconds(int iterations, const std::vector<StepCost>& costs, cons
 
 // Returns the settings asked for, with this number of iterations instead of a budget.
 TrainSettings with_iterations(TrainSettings asked, const Facts& facts, int iterations);
-// choose_iterations() chooses the number of iterations that is expected to fit into a time budget, and settles
-// the settings for it. It also sets first_iterations of the returned budget. Throws Error(usage) if the whole
-// budget is too short for kMinIterations. If only the time that is left of the budget is too short, prints a
-// warning and extends the budget.
+// choose_iterations() chooses the number of iterations that is expected to fit into a time budget, and
+// settles the settings for it. It also sets first_iterations of the returned budget. Throws Error(usage) if
+// the whole budget is too short for kMinIterations. If only the time that is left of the budget is too short,
+// prints a warning and extends the budget.
 struct BudgetedRun {
   Settled settled;
   TimeBudget budget;

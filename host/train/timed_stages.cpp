@@ -25,7 +25,7 @@ Outcome TimedStages::run(const Operation& operation) {
     device_.finish();  // wait for earlier operations, so that they are not included in the time
     sampling_ = true;
   }
-  Account& account = accounts_[operation.index() == kBuild ? kCount : operation.index()];
+  StageTotals& account = accounts_[operation.index() == kBuild ? kCount : operation.index()];
   ++account.calls;
   if (!sampling_) return stages_->run(operation);
   const double start = time_.seconds();
@@ -39,7 +39,7 @@ Outcome TimedStages::run(const Operation& operation) {
 std::vector<StageTime> TimedStages::times() const {
   std::vector<StageTime> times;
   for (std::size_t i = 0; i < accounts_.size(); ++i) {
-    const Account& a = accounts_[i];
+    const StageTotals& a = accounts_[i];
     if (a.calls == 0) continue;
     const double each = a.sampled > 0 ? a.seconds / static_cast<double>(a.sampled) : 0;
     times.push_back({i == kCount ? "lists" : kOperationNames[i], a.calls, a.sampled,

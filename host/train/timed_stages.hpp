@@ -45,7 +45,7 @@ class TimedStages final : public Stages {
   Outcome run(const Operation& operation) override;
 
  private:
-  struct Account {
+  struct StageTotals {
     std::uint64_t calls = 0, sampled = 0;
     double seconds = 0;  // time of the sampled calls
   };
@@ -54,7 +54,7 @@ class TimedStages final : public Stages {
   std::unique_ptr<Stages> stages_;
   const TimeSource& time_;
   bool training_ = false, sampling_ = false;
-  std::array<Account, kOperationNames.size()> accounts_;
+  std::array<StageTotals, kOperationNames.size()> accounts_;
 };
 
 }  // namespace ubs

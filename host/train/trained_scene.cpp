@@ -52,7 +52,7 @@ TrainedScene::TrainedScene(Device& device, const TrainSettings& settings, const 
   set_cameras(views_.cameras());
 }
 
-TrainSettings TrainedScene::drawn_settings() const {
+TrainSettings TrainedScene::settings_with_learnt_background() const {
   TrainSettings drawn = settings();
   drawn.background = learnt_background(drawn.background, sky_.state());
   return drawn;

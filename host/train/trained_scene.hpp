@@ -14,11 +14,11 @@
 #include "host/cluster/communicator.hpp"
 #include "host/pipeline/memory_plan.hpp"
 #include "host/scene/dataset.hpp"
+#include "host/settings/schedule.hpp"
 #include "host/settings/train_settings.hpp"
 #include "host/train/learnt_sky.hpp"
 #include "host/train/loss_log.hpp"
 #include "host/train/run_settings.hpp"
-#include "host/settings/schedule.hpp"
 #include "host/train/shared_view_passes.hpp"
 #include "host/train/timed_stages.hpp"
 #include "host/train/train_state.hpp"
@@ -45,7 +45,7 @@ class TrainedScene {
   void set_schedule(TrainSettings settings) { schedule_ = schedule_.with(std::move(settings)); }
   // Returns the settings in which the background is the one that has been learnt so far. Use these settings
   // to render the model outside of training.
-  TrainSettings drawn_settings() const;
+  TrainSettings settings_with_learnt_background() const;
   RenderSettings render_settings() const { return passes_->settings(); }
 
   // The next three methods perform the iteration with the number progress.iteration. All ranks must call

@@ -60,7 +60,7 @@ class Trainer {
           Communicator& ranks = alone(), const TimeSource& time = steady_time());
 
   // Trains until the last iteration. on_step is called after every iteration and may return false to stop the
-  // training. If an Error is thrown and state_is_whole() returns true, the state is that of the last
+  // training. If an Error is thrown and state_is_consistent() returns true, the state is that of the last
   // completed iteration. A value that is not finite ends the run with Error(numerical), unless
   // settings.on_nan requests otherwise (docs/training.md).
   void run(const std::function<bool(const StepReport&)>& on_step);
@@ -102,7 +102,7 @@ class Trainer {
   // same state, which contains all splats. The run that saved it may have had any number of ranks.
   void restore(const TrainState& state);
   // Returns whether the state is that of a completed iteration, and not of an iteration that has failed.
-  bool state_is_whole() const { return whole_; }
+  bool state_is_consistent() const { return whole_; }
   // Sets when states are saved. The state is not saved after the last iteration, nor while it contains a
   // value that is not finite.
   void on_state(StateSaving saving) { saving_ = std::move(saving); }

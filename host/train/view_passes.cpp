@@ -30,18 +30,18 @@ void ViewPasses::draw(std::uint32_t camera) { renderer_.forward(splats_.view(), 
 // step are rendered again, and the host waits for the size of each list. The results are therefore
 // bit-identical to those of a run that always waits.
 int ViewPasses::run(const StepViews& step) {
-  std::vector<UncountedView> views;
+  std::vector<DeferredView> views;
   int drawn = run(step, step.uncounted, views);
-  if (!std::ranges::all_of(views, &UncountedView::had_room)) {
+  if (!std::ranges::all_of(views, &DeferredView::had_capacity)) {
     views.clear();
     drawn = run(step, false, views);
     ++intersections_.repeated;
   }
-  for (UncountedView& view : views) intersections_.add(view.totals().intersections);
+  for (DeferredView& view : views) intersections_.add(view.totals().intersections);
   return drawn;
 }
 
-int ViewPasses::run(const StepViews& step, bool uncounted, std::vector<UncountedView>& views) {
+int ViewPasses::run(const StepViews& step, bool uncounted, std::vector<DeferredView>& views) {
   int drawn = 0;
   const std::uint64_t last = step.last();
   for (std::uint64_t draw = step.first; draw < step.end; ++draw) {
@@ -50,7 +50,7 @@ int ViewPasses::run(const StepViews& step, bool uncounted, std::vector<Uncounted
     if (step.left_out.contains(draw)) continue;
     const RenderSettings settings = views_.settings_of(draw, settings_);
     if (uncounted)
-      views.push_back(renderer_.forward_uncounted(splats_.view(), view, settings));
+      views.push_back(renderer_.forward_deferred(splats_.view(), view, settings));
     else  // waits for the size of the lists
       views.emplace_back(renderer_.forward(splats_.view(), view, settings, true));
     step.loss(draw);

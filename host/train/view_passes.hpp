@@ -102,7 +102,7 @@ class ViewPasses {
   IntersectionCount intersections_;
 
  private:
-  int run(const StepViews& step, bool uncounted, std::vector<UncountedView>& views);
+  int run(const StepViews& step, bool uncounted, std::vector<DeferredView>& views);
 };
 
 }  // namespace ubs

@@ -44,11 +44,11 @@ typedef unsigned long ulong;  // 64 bits on Linux; glibc has the same typedef
 #define UBS_CORE_ITEMS(item)
 #endif
 
-// UBS_APART is the first statement of a large function that a kernel calls. It keeps the function from being inlined.
+// UBS_NOINLINE is the first statement of a large function that a kernel calls. It keeps the function from being inlined.
 // PoCL compiles three copies of each kernel and inlines all called functions in each of them. It cannot inline a
 // function that contains a computed jump, so there is only one copy of it, and compilation takes a third of the time.
 #ifdef UBS_POCL
-#define UBS_APART                               \
+#define UBS_NOINLINE                               \
   {                                             \
     size_t address = (size_t)&&begin;           \
     __asm__("" : "+r"(address));                \
@@ -56,7 +56,7 @@ typedef unsigned long ulong;  // 64 bits on Linux; glibc has the same typedef
   }                                             \
   begin:;
 #else
-#define UBS_APART
+#define UBS_NOINLINE
 #endif
 
 // The macros UBS_PREFETCH* prefetch a cache line on CPUs with PoCL. They are used for gathered values, and for

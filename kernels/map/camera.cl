@@ -3,14 +3,14 @@
 // compiled with UBS_CAMERA_GRAD, compute the term of each splat.
 
 UBS_FN CameraVjp camera_gradient(CameraView camera, SplatRaw raw, SplatImageVjp v) {
-  Sight sight = sight_ahead(camera, raw);
+  ViewRay sight = view_ray_ahead(camera, raw);
   if (any_thin(raw)) return splat_vjp(camera, raw, sight, v, 1);
   return splat_vjp(camera, raw, sight, v, 0);
 }
 
 UBS_FN void camera_backward_lanes(uint lane, SplatsInView view, UBS_GLOBAL const real* v_records,
                                   UBS_GLOBAL real* v_camera, uint lanes) {
-  UBS_APART
+  UBS_NOINLINE
   CameraView cam = load_camera(view);
   CameraVjp sum;
   UBS_UNROLL for (int k = 0; k < kCameraGrads; ++k) sum.e[k] = V(0.0);

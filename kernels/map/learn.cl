@@ -10,7 +10,7 @@ UBS_FN void project_backward_adam_items(uint item, SplatsInView view, UBS_GLOBAL
                                         UBS_GLOBAL real* moment2,
                                         UBS_GLOBAL const real* learning_rates, AdamConstants adam,
                                         UBS_GLOBAL uint* sentinel, uint stamp) {
-  UBS_APART
+  UBS_NOINLINE
   CameraView cam = load_camera(view);
   UBS_CORE_ITEMS(item) {
     uint first = item * UBS_VW;

@@ -5,7 +5,7 @@
 // splats and of intersections from the totals, for the kernels that follow. If one of these numbers is larger than its
 // bound, drawn_room or pairs_room, the kernel turns the view into one without splats. So no later kernel has to guard
 // its writes, and all kernels up to the gradient work as for an empty view.
-UBS_KERNEL void fit_lists(UBS_GLOBAL const ulong* totals, ulong drawn_room, ulong pairs_room, uint count, uint items,
+UBS_KERNEL void clamp_to_capacity(UBS_GLOBAL const ulong* totals, ulong drawn_room, ulong pairs_room, uint count, uint items,
                           UBS_GLOBAL uint* tile_counts, UBS_GLOBAL uint* drawn, UBS_GLOBAL uint* pairs) {
   uint item = UBS_GLOBAL_ID(0);
   int fits = totals[0] <= drawn_room && totals[1] <= pairs_room;

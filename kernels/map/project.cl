@@ -102,7 +102,7 @@ UBS_FN int any_thin(SplatRaw raw) {
 #ifndef UBS_CAMERA_GRAD
 // Projects the splats and writes their results. `thin` is passed to splat_state(). `to` is the index of the first
 // record.
-UBS_FN void project_block(CameraView cam, SplatRaw raw, Sight sight, int thin, uint to, UBS_GLOBAL real* records,
+UBS_FN void project_block(CameraView cam, SplatRaw raw, ViewRay sight, int thin, uint to, UBS_GLOBAL real* records,
                           UBS_GLOBAL uint* depth_keys, UBS_GLOBAL uint* tile_rects,
                           UBS_GLOBAL uint* tile_counts) {
   // With one lane, as on GPUs, the range is checked first, because a later check would keep all parameters in
@@ -152,14 +152,14 @@ UBS_FN void project_block(CameraView cam, SplatRaw raw, Sight sight, int thin, u
 UBS_FN void project_forward_items(uint item, SplatsInView view, UBS_GLOBAL real* records,
                                   UBS_GLOBAL uint* depth_keys, UBS_GLOBAL uint* tile_rects,
                                   UBS_GLOBAL uint* tile_counts) {
-  UBS_APART
+  UBS_NOINLINE
   CameraView cam = load_camera(view);
   UBS_CORE_ITEMS(item) {
     uint first = item * UBS_VW;
     if (first >= view.count) return;
     uint to = view.first_record + first;
     SplatRaw raw = load_splats(view, first, 0);
-    Sight sight = sight_ahead(cam, raw);
+    ViewRay sight = view_ray_ahead(cam, raw);
     if (any_thin(raw))
       project_block(cam, raw, sight, 1, to, records, depth_keys, tile_rects, tile_counts);
     else
@@ -211,7 +211,7 @@ UBS_FN SummedGradient load_summed(SplatsInView view, UBS_GLOBAL const real* v_re
 
 #ifndef UBS_CAMERA_GRAD
 UBS_FN SplatRaw raw_gradient(CameraView camera, SplatRaw raw, SplatImageVjp v) {
-  Sight sight = sight_ahead(camera, raw);
+  ViewRay sight = view_ray_ahead(camera, raw);
   if (any_thin(raw)) return splat_vjp(camera, raw, sight, v, 1);
   return splat_vjp(camera, raw, sight, v, 0);
 }
@@ -250,7 +250,7 @@ UBS_FN void store_zero_gradient(uint first, SplatsInView view, UBS_GLOBAL real* 
 
 UBS_FN void project_backward_items(uint item, SplatsInView view, UBS_GLOBAL const real* v_records,
                                    UBS_GLOBAL real* v_params, uint accumulate) {
-  UBS_APART
+  UBS_NOINLINE
   CameraView cam = load_camera(view);
   UBS_CORE_ITEMS(item) {
     uint first = item * UBS_VW;

@@ -16,8 +16,8 @@
 typedef struct {
   vreal x, y;           // mean relative to the tile's corner [px]
   vreal l00, l01, l11;  // factor of the conic
-  vreal lean_x;         // -L01 / L00; for a given d_y, r is smallest at d_x = lean_x d_y
-  vreal lean_y;         // -L00 L01 / (L01^2 + L11^2); for a given d_x, r is smallest at d_y = lean_y d_x
+  vreal slope_x;         // -L01 / L00; for a given d_y, r is smallest at d_x = slope_x d_y
+  vreal slope_y;         // -L00 L01 / (L01^2 + L11^2); for a given d_x, r is smallest at d_y = slope_y d_x
   vreal reach;          // includes the margin
 } CullSplat;
 
@@ -28,8 +28,8 @@ UBS_FN CullSplat cull_splat(vreal x, vreal y, vreal l00, vreal l01, vreal l11, v
   s.l00 = l00;
   s.l01 = l01;
   s.l11 = l11;
-  s.lean_x = -l01 / l00;
-  s.lean_y = -l00 * l01 / (l01 * l01 + l11 * l11);
+  s.slope_x = -l01 / l00;
+  s.slope_y = -l00 * l01 / (l01 * l01 + l11 * l11);
   s.reach = reach * (R(1.0) + UBS_CULL_MARGIN);
   return s;
 }
@@ -58,11 +58,11 @@ UBS_FN CullSpan cull_span(vreal mean, real centre) {
 // On one of them d_x = x.nearest, on the other one d_y = y.nearest. The function computes the minimum on each of these
 // two lines within the rectangle, and compares the smaller one with `reach`.
 UBS_FN vmask cull_meets(CullSplat s, CullSpan x, CullSpan y) {
-  vreal dx = cull_clamp(s.lean_x * y.nearest, x.low, x.high);
+  vreal dx = cull_clamp(s.slope_x * y.nearest, x.low, x.high);
   vreal p = s.l00 * dx + s.l01 * y.nearest;
   vreal q = s.l11 * y.nearest;
   vreal r = p * p + q * q;
-  vreal dy = cull_clamp(s.lean_y * x.nearest, y.low, y.high);
+  vreal dy = cull_clamp(s.slope_y * x.nearest, y.low, y.high);
   p = s.l00 * x.nearest + s.l01 * dy;
   q = s.l11 * dy;
   vreal other = p * p + q * q;

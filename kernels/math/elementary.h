@@ -161,7 +161,7 @@ UBS_FN vreal ubs_log1p(vreal x) {
 }
 
 // Returns exp(x). x must be at most 88.37.
-UBS_FN vreal exp_falling(vreal x) {
+UBS_FN vreal exp_nonpositive(vreal x) {
   Several one;
   one.e[0] = x;
   return exp_several(one, 1).e[0];
@@ -169,7 +169,7 @@ UBS_FN vreal exp_falling(vreal x) {
 
 // Returns exp(x). For x above 88.37 the result is infinite, although exp(x) exceeds the range of floats only from 88.72
 // on. For NaN it is NaN.
-UBS_FN vreal ubs_exp(vreal x) { return x <= V(88.37) ? exp_falling(x) : x * (vreal)(INFINITY); }
+UBS_FN vreal ubs_exp(vreal x) { return x <= V(88.37) ? exp_nonpositive(x) : x * (vreal)(INFINITY); }
 
 #elif defined(UBS_HOST)
 #define ubs_log(x) ::log(x)
@@ -225,7 +225,7 @@ UBS_FN vreal ubs_reciprocal(vreal x) {
 #ifdef UBS_POLYNOMIAL_LOG
 #define ubs_reciprocal(x) (V(1.0) / (x))
 #else
-#define exp_falling(x) ubs_exp(x)
+#define exp_nonpositive(x) ubs_exp(x)
 UBS_FN Several exp_several(Several x, int count) {
   UBS_EACH(k, count) x.e[k] = ubs_exp(x.e[k]);
   return x;
@@ -238,7 +238,7 @@ UBS_FN Several log1p_several(Several x, int count) {
 
 // Returns 1 / (1 + exp(-x)), without overflow for any x.
 UBS_FN vreal ubs_sigmoid(vreal x) {
-  vreal e = exp_falling(-ubs_fabs(x));
+  vreal e = exp_nonpositive(-ubs_fabs(x));
   return (x < V(0.0) ? e : V(1.0)) / (V(1.0) + e);
 }
 

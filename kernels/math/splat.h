@@ -27,18 +27,18 @@ typedef struct {
   ShBasis basis;
 } SplatColour;
 
-// Sight is the view ray from the camera to a splat.
+// ViewRay is the view ray from the camera to a splat.
 typedef struct {
   Vec3 to_splat;   // mean mu_x of the splat minus the camera centre
   vreal rho;       // length of to_splat, at least UBS_RHO_MIN
   Vec3 direction;
-} Sight;
+} ViewRay;
 
 // SplatState holds the intermediate values that the forward pass and the backward pass need.
 typedef struct {
   FrameRaw frame_raw;
   SpatialFrame frame;
-  Sight sight;
+  ViewRay sight;
 #if UBS_C > 0
   SliceInput slice_in;
   Slice slice;
@@ -298,11 +298,11 @@ UBS_FN SplatState splat_couple(SplatRaw raw, SplatState s) {
 // Returns the factor o_q / o of the opacity, without the blur compensation.
 UBS_FN vreal splat_attenuation(Conditional conditional) {
   if (UBS_C == 0) return V(1.0);
-  return UBS_BETA_OPACITY == UBS_BETA_OPACITY_NONE ? V(1.0) : exp_falling(conditional.log_factor);
+  return UBS_BETA_OPACITY == UBS_BETA_OPACITY_NONE ? V(1.0) : exp_nonpositive(conditional.log_factor);
 }
 
-UBS_FN Sight splat_sight(CameraView cam, SplatRaw raw) {
-  Sight s;
+UBS_FN ViewRay splat_sight(CameraView cam, SplatRaw raw) {
+  ViewRay s;
   UBS_UNROLL for (int c = 0; c < 3; ++c) s.to_splat.e[c] = raw.e[kRowXyz + c] - cam.centre[c];
   s.rho = ubs_sqrt(s.to_splat.e[0] * s.to_splat.e[0] + s.to_splat.e[1] * s.to_splat.e[1] +
                    s.to_splat.e[2] * s.to_splat.e[2]);
@@ -314,17 +314,17 @@ UBS_FN Sight splat_sight(CameraView cam, SplatRaw raw) {
 // Computes the view ray early, before it is known whether there are thin splats among the lanes, so that the square
 // root and the divisions are finished when they are needed. With one lane, as on GPUs, returns zeros, and splat_state()
 // computes the view ray, because this needs fewer registers.
-UBS_FN Sight sight_ahead(CameraView cam, SplatRaw raw) {
-  Sight none;
+UBS_FN ViewRay view_ray_ahead(CameraView cam, SplatRaw raw) {
+  ViewRay none;
   if (UBS_VW > 1) return splat_sight(cam, raw);
   UBS_UNROLL for (int c = 0; c < 3; ++c) none.to_splat.e[c] = none.direction.e[c] = V(0.0);
   none.rho = V(0.0);
   return none;
 }
 
-// Computes the intermediate values. `sight` is the result of sight_ahead(). `thin` is a constant: 1 if there may be
+// Computes the intermediate values. `sight` is the result of view_ray_ahead(). `thin` is a constant: 1 if there may be
 // thin splats among the lanes, otherwise 0.
-UBS_FN SplatState splat_state(CameraView cam, SplatRaw raw, Sight sight, int thin) {
+UBS_FN SplatState splat_state(CameraView cam, SplatRaw raw, ViewRay sight, int thin) {
   SplatState s;
   s.frame_raw = splat_frame_raw(raw);
 #if UBS_COV_PARAM == UBS_COV_SKEW_ND
@@ -501,7 +501,7 @@ UBS_FN SplatRaw splat_lobe_vjp(SplatRaw out, SplatRaw raw, int l, Vec3 d, Vec3 v
   return out;
 }
 
-UBS_FN SplatVjp splat_vjp(CameraView cam, SplatRaw raw, Sight sight, SplatImageVjp v, int thin) {
+UBS_FN SplatVjp splat_vjp(CameraView cam, SplatRaw raw, ViewRay sight, SplatImageVjp v, int thin) {
   SplatState s = splat_state(cam, raw, sight, thin);
   SplatRaw out;
   if (UBS_COV_PARAM == UBS_COV_SKEW_ND)  // start at 0, because gradients from both triangles of A are added

@@ -28,7 +28,7 @@ static inline uint ubs_core(void) {
 }
 
 // Claims the next group for the caller and returns the index of this group.
-static inline uint claim_group(volatile __global uint* claims, volatile __global uint* next_claims) {
+static inline uint next_group(volatile __global uint* claims, volatile __global uint* next_claims) {
   const uint groups = (uint)get_num_groups(0), core = ubs_core();
   if (get_group_id(0) == 0)
     for (uint k = 0; k < UBS_CORES; ++k) next_claims[k * kClaimStride] = 0;
@@ -44,6 +44,6 @@ static inline uint claim_group(volatile __global uint* claims, volatile __global
 }
 
 #define UBS_CORE_PARAMETERS , volatile __global uint *claims, volatile __global uint *next_claims
-#define UBS_CORE_GROUP claim_group(claims, next_claims)
+#define UBS_CORE_GROUP next_group(claims, next_claims)
 #define UBS_CORE_FIRST_ITEM (UBS_CORE_GROUP * UBS_CORE_GROUP_ITEMS)
 #define UBS_CORE_ITEMS(item) for (uint turn = 0; turn < UBS_CORE_GROUP_ITEMS; ++turn, ++item)

@@ -61,7 +61,7 @@ UBS_FN ulong packed_counts(uint tiles) { return tiles > 0 ? one_drawn() + tiles 
 // splat. `offsets`, `digits` and `sums` are results of count_rows. `totals` receives the numbers of visible splats and
 // of intersections. `drawn` and `pairs` are null if the host waits for the totals. Otherwise they receive the same two
 // numbers for the kernels that follow. If there are more than drawn_room visible splats or more than pairs_room
-// intersections, both receive 0, and all tile counts are set to 0, so that the view becomes empty (as in fit_lists of
+// intersections, both receive 0, and all tile counts are set to 0, so that the view becomes empty (as in clamp_to_capacity of
 // map/lists.cl).
 __kernel __attribute__((reqd_work_group_size(kGroup, 1, 1))) void count_write(
     __global uint* tile_counts, __global const uint* depth_keys, uint count, __global const uint* offsets,

@@ -20,7 +20,7 @@ import ubs
 from ubs import _abi
 
 SETTINGS: dict[str, Any] = {"iterations": 60, "init_points": 300, "cap_max": 400, "dim": 6, "log_every": 5}
-LONG: dict[str, Any] = {**SETTINGS, "iterations": 100_000}
+LONG: dict[str, Any] = {**SETTINGS, "schedule": "published", "iterations": 100_000}
 
 
 @pytest.fixture(scope="module")
@@ -76,15 +76,20 @@ def test_ctrl_c_ends_a_training_in_asyncio(data: ubs.Dataset) -> None:
     """In Python 3.11 and later, the first Ctrl-C asks the task to end, and the second one raises KeyboardInterrupt."""
     trainer = ubs.Trainer(data, **LONG)
     ended = threading.Event()
+    tasks: list[Any] = []
 
     def send() -> None:
-        for first in (3, 6):
-            while trainer.status.iteration <= first and not ended.is_set():
-                pass
-            if not ended.is_set():
-                os.kill(os.getpid(), signal.SIGINT)
+        while trainer.status.iteration <= 3:
+            pass
+        os.kill(os.getpid(), signal.SIGINT)
+        # If the second signal came before the handler of the first one has run, there would be only one call of it.
+        while not ended.is_set() and not tasks[0].cancelling():
+            pass
+        if not ended.is_set():
+            os.kill(os.getpid(), signal.SIGINT)
 
     async def main() -> None:
+        tasks.append(asyncio.current_task())
         try:
             trainer.run()
         finally:

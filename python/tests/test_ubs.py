@@ -30,7 +30,7 @@ import ubs
 from conftest import run_ubs
 from ubs._settings import as_text
 
-SETTINGS = {"iterations": 60, "init_points": 300, "cap_max": 400, "dim": 6, "log_every": 5}
+SETTINGS = {"schedule": "published", "iterations": 60, "init_points": 300, "cap_max": 400, "dim": 6, "log_every": 5}
 
 
 @pytest.fixture(scope="module")
@@ -696,12 +696,20 @@ def test_a_device_is_named_by_its_index(data: ubs.Dataset, model: ubs.Model) -> 
 
 
 def test_a_trainer_returns_the_settings_that_were_decided(data: ubs.Dataset) -> None:
-    decided = ubs.Trainer(data, iterations=2000, growth=1.3, background=(1, 1, 1)).settings
+    decided = ubs.Trainer(data, iterations=2000, growth=1.3).settings
     assert decided.keys() == ubs.settings().keys()
-    assert (decided["iterations"], decided["growth"], decided["background"]) == ("2000", "1.3", "1,1,1")
+    assert (decided["iterations"], decided["growth"], decided["budget"]) == ("2000", "1.3", "none")
     assert (decided["cap_max"], decided["lr_rgb"], decided["schedule"]) == ("24000", "0.005", "fast")
-    published = ubs.Trainer(data, schedule="published", background=(1, 1, 1)).settings
+    published = ubs.Trainer(data, schedule="published").settings
     assert (published["iterations"], published["cap_max"], published["lr_rgb"]) == ("30000", "300000", "0.001")
+
+
+def test_a_training_with_a_time_budget_ends(data: ubs.Dataset) -> None:
+    steps: list[ubs.Step] = []
+    model = ubs.train(data, dim=6, init_points=300, budget="2s", on_step=steps.append)
+    assert 100 <= steps[-1].iteration == steps[-1].iterations
+    assert len(model) == steps[-1].splats
+    ubs.train(data, dim=6, init_points=300, budget="1s")
 
 
 def test_growth_is_that_of_the_documentation(data: ubs.Dataset) -> None:

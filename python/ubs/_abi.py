@@ -312,6 +312,7 @@ FUNCTIONS: dict[str, list[Any]] = {
     "trainer_create": ["device", "data", "settings", "model", POINTER(c_void_p)],
     "trainer_run": ["trainer", c_uint32, StepFunction, c_void_p],
     "trainer_get_status": ["trainer", POINTER(Step)],
+    "trainer_get_settings": ["trainer", POINTER(c_void_p)],
     "trainer_get_model": ["trainer", POINTER(c_void_p)],
     "trainer_set_model": ["trainer", "model", c_void_p],
     "trainer_evaluate": ["trainer", POINTER(Metrics)],

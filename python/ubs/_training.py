@@ -146,12 +146,15 @@ class Trainer(_abi.Handle):
         if it need not be called more often than every `pause` seconds, the library makes as many iterations at once as
         take about this time, or _PART."""
         step = self.status
-        last = step.iterations if steps == 0 else min(step.iteration + steps, step.iterations)
+        last = step.iteration + steps if steps > 0 else None
         part, wanted = 1, _PART if on_step is None else pause
-        while step.iteration < last:
+        # A time budget changes step.iterations during the run.
+        while (left := (step.iterations if last is None else min(last, step.iterations)) - step.iteration) > 0:
             begin = time.perf_counter()
-            _abi.call("trainer_run", self, min(part, last - step.iteration), _abi.StepFunction(0), None)
+            _abi.call("trainer_run", self, min(part, left), _abi.StepFunction(0), None)
             took = time.perf_counter() - begin
+            if on_step is None:
+                time.sleep(1e-4)  # other threads that wait for the device go first
             step = self.status
             if on_step is not None:
                 answer = on_step(step)

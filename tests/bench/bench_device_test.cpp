@@ -11,9 +11,9 @@
 #include "host/train/trainer.hpp"
 #include "kernels/layout.h"
 #include "tests/support/device_fixture.hpp"
+#include "tests/support/published.hpp"
 #include "tests/support/temp_folder.hpp"
 #include "tests/support/whole_sweep.hpp"
-#include "tests/support/published.hpp"
 
 namespace ubs {
 namespace {

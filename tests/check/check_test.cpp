@@ -158,14 +158,14 @@ TEST_CASE("first use: a broken device is skipped by default, and is an error if 
   for (const std::size_t checks : {2u, 1u, 0u}) {
     INFO("this round should make " << checks << " checks");
     checked.clear(), warnings.clear();
-    CHECK(check::choose_proved_device("", use, gate) == 0);
+    CHECK(check::choose_verified_device("", use, gate) == 0);
     CHECK(checked.size() == checks);
     REQUIRE(warnings.size() == 1);
     CHECK(warnings[0].starts_with("Broken GPU"));
     CHECK(warnings[0].find("projection: ") != std::string::npos);
     CHECK(warnings[0].find("using " + devices[0].name) != std::string::npos);
     const std::string refused =
-        message_of([&] { check::choose_proved_device("broken", use, gate); }, ErrorKind::faulty);
+        message_of([&] { check::choose_verified_device("broken", use, gate); }, ErrorKind::faulty);
     CHECK(refused.find("projection: ") != std::string::npos);
   }
   CHECK(check::Verdicts(devices[broken], build).all().at(0).right == false);
@@ -179,7 +179,7 @@ TEST_CASE("first use: a broken device is skipped by default, and is an error if 
   other.driver += "x";
   CHECK(check::Verdicts(other, build).all().empty());
   const Variable off("UBS_CHECK", "off");
-  CHECK(check::choose_proved_device("", use, gate) == broken);
+  CHECK(check::choose_verified_device("", use, gate) == broken);
   check::Verdicts(devices[broken], build).forget();
   check::Verdicts(devices[0], build).forget();
 }

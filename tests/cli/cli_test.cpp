@@ -38,7 +38,8 @@ void synthesise(const TempFolder& folder, const std::string& scene = "glossy") {
   put_scene(folder / "data", 32, 8, 3, scene);
 }
 
-constexpr const char* kTiny = "--schedule published --iterations 200 --init-points 300 --cap-max 350 --log-every 50";
+constexpr const char* kTiny =
+    "--schedule published --iterations 200 --init-points 300 --cap-max 350 --log-every 50";
 
 void train(const TempFolder& folder, const std::string& out, const std::string& more = "") {
   ubs_ok(folder, fmt::format("train --data data --out {} {} {}", out, kTiny, more));

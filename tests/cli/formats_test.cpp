@@ -229,8 +229,7 @@ TEST_CASE("cli: convert fits an export to the model, and measures the loss of qu
       "--test-every 0 ";
   ubs_ok(folder, train + "--dim 6 --out run");
   const Result said = ubs_ok(folder, "convert run m.spz --distill 0");
-  CHECK_THAT(said.out,
-             Contains("PSNR against the model: ") && Contains("a black one (mean of 4 cameras)"));
+  CHECK_THAT(said.out, Contains("PSNR against the model: ") && Contains("a black one (mean of 4 cameras)"));
   const json loss =
       json::parse(ubs_ok(folder, "convert run m.spz --distill 0 --json --overwrite").out)["loss"];
   const double psnr = loss["psnr"], on_black = loss["psnr_on_black"];

@@ -290,9 +290,8 @@ TEST_CASE("outputs: commands replace a file only with --overwrite, and never the
   check_refused(folder, "reduce --model run/model.ply --data data --out x.ply --effects x.ply",
                 "two results");
   for (const auto& [command, message] :
-       {std::pair{
-            "reduce run/model.ply data --out r.spz",
-            "r.spz: the output is a UBS model, not a .spz file: choose a name that ends with .ply"},
+       {std::pair{"reduce run/model.ply data --out r.spz",
+                  "r.spz: the output is a UBS model, not a .spz file: choose a name that ends with .ply"},
         {"reduce run/model.ply data --out r.ply --effects r.json", "r.json: the output is CSV"},
         {"web run/model.ply --out page.html --poster p.jpg", "p.jpg: the output is PNG"},
         {"web run/model.ply --out page.ply", "page.ply: the output is HTML"},

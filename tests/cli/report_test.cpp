@@ -407,6 +407,7 @@ TEST_CASE("report: if a checkpoint is newer than the model, its learnt backgroun
   const json metrics = json::parse(get(run / "metrics.json"));
   Checkpoint later;
   later.settings.dim = 6;
+  later.settings.iterations = 200;
   later.settings.background.learnt = Background::Learnt::colour;
   later.state.iteration = 100;
   later.state.model = read_splat_ply(run / "model.ply");

@@ -238,7 +238,7 @@ TEST_CASE("cli: a run that cannot be resumed is reported in one line") {
   check_error(folder, "train --resume nowhere", 3, "no checkpoint.ubs");
   check_error(folder, "train --resume run --out other", 2, "remove --out");
   check_error(folder, "train --resume run --lr-rgb 0.5", 2,
-              "cannot resume with lr_rgb = 0.5: the run was started with lr_rgb = auto");
+              "cannot resume with lr_rgb = 0.5: the run was started with lr_rgb = 0.005");
   check_error(folder, "train --resume run --iterations 9000", 2, "its schedule depends on");
   put_scene(folder / "other", 32, 8, 2, "cloud");
   check_error(folder, "train --resume run --data other --quiet", 3,
@@ -266,11 +266,12 @@ TEST_CASE("cli: a run that exhausts the memory keeps its state, and gives the sa
   constexpr int kSide = 201;  // ten images of 121 203 bytes do not fit into the cache
   put_scene(folder / "data", kSide, 8, 2);
   const std::string run =
-      "--data data --init-points 100 --cap-max 120 --dim 3 --iterations 100 --image-cache-mb 1 "
+      "--data data --init-points 100 --cap-max 120 --dim 3 --schedule published --iterations 100 "
+      "--image-cache-mb 1 "
       "--checkpoint-every 0 --save-renders 0 --quiet";
   ubs_ok(folder, fmt::format("train {} --out whole", run));
   const Result result =
-      test::run_command(folder, fmt::format("UBS_SCARCE_MEMORY={},60 LD_PRELOAD={} '{}' train {} --out run",
+      test::run_command(folder, fmt::format("UBS_SCARCE_MEMORY={},45 LD_PRELOAD={} '{}' train {} --out run",
                                             3 * kSide * kSide, UBS_SCARCE_MEMORY, UBS_EXECUTABLE, run));
   INFO(result.err);
   REQUIRE(result.code == 6);

@@ -6,22 +6,22 @@
 #include <nlohmann/json.hpp>
 #include <string>
 
-#include "host/run/same_run.hpp"
 #include "host/check/metric_inputs.hpp"
-#include "host/cluster/deal.hpp"
 #include "host/cluster/mpi.hpp"
+#include "host/cluster/view_assignment.hpp"
 #include "host/dataset/image.hpp"
 #include "host/pipeline/network.hpp"
+#include "host/run/same_run.hpp"
+#include "host/settings/schedule.hpp"
 #include "host/train/checkpoint.hpp"
 #include "host/train/rank_plan.hpp"
 #include "host/train/run_settings.hpp"
-#include "host/settings/schedule.hpp"
 #include "tests/support/images.hpp"
 #include "tests/support/made_scene.hpp"
+#include "tests/support/published.hpp"
 #include "tests/support/run_ubs.hpp"
 #include "tests/support/whole_sweep.hpp"
 #include "tests/support/write_safetensors.hpp"
-#include "tests/support/published.hpp"
 
 namespace ubs {
 namespace {
@@ -80,15 +80,15 @@ void check_same(const TempFolder& folder, const std::string& a, const std::strin
 }
 
 TEST_CASE("deal: faster ranks render more views, and the views of a round are consecutive") {
-  const Deal even(8, 3);
+  const ViewAssignment even(8, 3);
   CHECK(even.counts() == std::vector<std::uint64_t>{3, 3, 2});
   for (std::uint64_t view = 0; view < 8; ++view) CHECK(even.rank_of(view) == static_cast<int>(view % 3));
   REQUIRE(even.rounds().size() == 3);
   CHECK(even.rounds()[2] == std::vector<std::int64_t>{6, 7, kNoView});
-  const Deal more_ranks(2, 5);
+  const ViewAssignment more_ranks(2, 5);
   CHECK(more_ranks.rounds() == std::vector<std::vector<std::int64_t>>{{0, 1, kNoView, kNoView, kNoView}});
   const std::array<double, 3> speeds{1, 5, 2};
-  const Deal fast(8, 3, speeds);
+  const ViewAssignment fast(8, 3, speeds);
   CHECK(fast.counts() == std::vector<std::uint64_t>{1, 5, 2});
   CHECK(fast.rounds()[0] == std::vector<std::int64_t>{0, 1, 2});
   CHECK(fast.rounds()[1] == std::vector<std::int64_t>{kNoView, 3, 4});

@@ -181,7 +181,7 @@ cudaError_t algorithm(Workspace& workspace, cudaStream_t stream, const Call& cal
 cudaError_t scan_counts(Workspace& workspace, const u32* tile_counts, u64* before, u32 count, u32 bits,
                         cudaStream_t stream) {
   return algorithm(workspace, stream, [=] {
-    const ToCounts counts{bits};
+    const PackCounts counts{bits};
     const AddCounts add{bits};
     std::transform_exclusive_scan(tile_counts, tile_counts + count, before, u64{0}, add, counts);
   });

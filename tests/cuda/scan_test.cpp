@@ -13,7 +13,7 @@ namespace {
 TEST_CASE("the sum of packed counts does not depend on how the splats are divided into ranges", "[cuda]") {
   std::mt19937 random{3};
   for (const u32 bits : {2u, 17u, 24u, 31u}) {
-    const ToCounts counts{bits};
+    const PackCounts counts{bits};
     const AddCounts add{bits};
     const u64 most = ~u64{0} >> bits;
     for (int round = 0; round < 2000; ++round) {

@@ -68,7 +68,7 @@ struct PoseErrors {
 };
 
 PoseErrors errors(std::vector<Camera> cameras, std::span<const Camera> truth) {
-  hold_gauge(cameras, truth);
+  fix_similarity(cameras, truth);
   PoseErrors e;
   for (std::size_t i = 0; i < cameras.size(); ++i) {
     const CameraMove move = pose_move(truth[i], cameras[i], 0);  // a rotation around the centre of the camera

@@ -23,7 +23,7 @@ namespace {
 std::vector<std::string> settled(const std::vector<std::string>& names) {
   std::vector<View> views(names.size());
   for (std::size_t i = 0; i < names.size(); ++i) views[i].name = names[i];
-  settle_view_names(views);
+  make_view_names_unique(views);
   std::vector<std::string> result;
   for (const View& view : views) result.push_back(view.name);
   return result;

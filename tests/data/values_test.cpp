@@ -3,11 +3,11 @@
 // points with a message that describes the value. The limits are in host/scene/camera.hpp.
 #include <nlohmann/json.hpp>
 
-#include "host/model/keyframes.hpp"
 #include "host/base/crc32.hpp"
 #include "host/dataset/load_dataset.hpp"
 #include "host/dataset/npy.hpp"
 #include "host/dataset/packed.hpp"
+#include "host/model/keyframes.hpp"
 #include "tests/support/images.hpp"
 
 using namespace ubs;

@@ -16,7 +16,6 @@
 #include "host/dataset/load_dataset.hpp"
 #include "host/formats/splat_file.hpp"
 #include "host/scene/model_variant.hpp"
-#include "host/settings/train_settings.hpp"
 #include "host/settings/fields.hpp"
 #include "host/settings/train_settings.hpp"
 #include "tests/support/generated_list.hpp"

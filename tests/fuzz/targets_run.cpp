@@ -2,9 +2,9 @@
 // Implements the fuzz targets for checkpoints, files in the folder of a run, and camera paths.
 #include <cstring>
 
-#include "host/model/keyframes.hpp"
 #include "host/base/crc32.hpp"
 #include "host/look/report/run_record.hpp"
+#include "host/model/keyframes.hpp"
 #include "host/scene/initialise.hpp"
 #include "host/train/checkpoint.hpp"
 #include "tests/fuzz/files.hpp"
@@ -16,6 +16,7 @@ namespace {
 std::string small_checkpoint() {
   Checkpoint checkpoint;
   checkpoint.settings.dim = 3;
+  checkpoint.settings.iterations = kScheduleLength;
   checkpoint.data = "/data";
   TrainState& state = checkpoint.state;
   state.model = initialise_random(3, 2, 1);

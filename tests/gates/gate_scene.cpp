@@ -17,9 +17,9 @@
 #include <fstream>
 #include <set>
 
-#include "host/model/contributions.hpp"
 #include "host/base/error.hpp"
 #include "host/lab/bench/bench_scene.hpp"
+#include "host/model/contributions.hpp"
 #include "host/opencl/opencl_device.hpp"
 #include "host/opencl/platform.hpp"
 #include "host/opencl/sources.hpp"

@@ -9,8 +9,8 @@
 
 #include "host/settings/fields.hpp"
 #include "host/settings/train_settings.hpp"
-#include "tests/support/view_number.hpp"
 #include "tests/support/published.hpp"
+#include "tests/support/view_number.hpp"
 
 int main(int argc, char** argv) {
   if (argc != 3) return 2;

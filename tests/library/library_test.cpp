@@ -182,8 +182,8 @@ TEST_CASE("an EXR image is rejected with a message if OpenCV's decoder is disabl
   check_error(UBS_ERROR_DATA, "OPENCV_IO_ENABLE_OPENEXR=1", [&] { ubs::Data(folder / "data"); });
 }
 
-// The run of `ubs train` has config.yaml, the other ones give the settings as JSON or through the library. `ubs-lab
-// compare` needs a model, so it gets that of the run.
+// The run of `ubs train` has config.yaml, the other ones give the settings as JSON or through the library.
+// `ubs-lab compare` needs a model, so it gets that of the run.
 TEST_CASE("train, plan, compare and the library decide automatic settings in the same way") {
   const Folder& folder = scene();
   const std::string data = folder / "data", run = folder / "decided";
@@ -191,9 +191,10 @@ TEST_CASE("train, plan, compare and the library decide automatic settings in the
   run_ubs("train --quiet --data " + data + " --out " + run + asked);
   const auto parsed = [](const std::string& command) { return nlohmann::json::parse(output_of(command)); };
   const nlohmann::json plan = parsed(UBS_EXECUTABLE " plan --json --data " + data + asked + "2>/dev/null"),
-                       compared = parsed(UBS_LAB_EXECUTABLE " compare --json --devices cpu --repeat 1 --seed 7 "
-                                         "--train-iterations 30 --model " + run + " --data " + data +
-                                         " 2>/dev/null");
+                       compared = parsed(UBS_LAB_EXECUTABLE
+                                         " compare --json --devices cpu --repeat 1 --seed 7 "
+                                         "--train-iterations 30 --model " +
+                                         run + " --data " + data + " 2>/dev/null");
   const nlohmann::json trained = nlohmann::json::parse(content(run + "/metrics.json"))["settings"];
   const ubs::Device device;
   const ubs::Data opened(data);
@@ -669,7 +670,7 @@ TEST_CASE("errors describe the problem") {
   check_error(UBS_ERROR_DATA, "no-such-folder", [&] { ubs::Data("no-such-folder"); });
   check_error(UBS_ERROR_DATA, "no-such.ply", [&] { ubs::Model("no-such.ply"); });
   check_error(UBS_ERROR_USAGE, "dim = auto", [&] { ubs::Model(ubs::Settings().set("dim", "auto"), 5); });
-  check_error(UBS_ERROR_USAGE, "splats", [&] { ubs::Model(ubs::Settings(), 0); });
+  check_error(UBS_ERROR_USAGE, "splats", [&] { ubs::Model(ubs::Settings().set("dim", 6), 0); });
   check_error(UBS_ERROR_USAGE, "group 1 does not exist", [&] { model.parameters(1); });
   check_error(UBS_ERROR_DEVICE, "matches no device", [&] { ubs::Device("quantum"); });
 
@@ -716,7 +717,7 @@ TEST_CASE("errors describe the problem") {
 
   ubs::Data data;
   const std::vector<std::uint8_t> image(3 * 24 * 16);
-  check_error(UBS_ERROR_DATA, "no training views", [&] { ubs::Trainer(device, data, settings()); });
+  check_error(UBS_ERROR_DATA, "split 'train' has no views", [&] { ubs::Trainer(device, data, settings()); });
   check_error(UBS_ERROR_USAGE, "split", [&] { data.add_view("training", "", simple_camera(), image); });
   check_error(UBS_ERROR_USAGE, "not a valid view name",
               [&] { data.add_view("train", "a/b", simple_camera(), image); });

@@ -32,7 +32,7 @@ SplatRaw raw_of(const SplatValues& values) {
 }
 
 SplatState state(const CameraView& cam, const SplatRaw& raw) {
-  return splat_state(cam, raw, sight_ahead(cam, raw), 1);
+  return splat_state(cam, raw, view_ray_ahead(cam, raw), 1);
 }
 
 SplatImage image(const CameraView& cam, const SplatValues& values) {
@@ -42,7 +42,7 @@ SplatImage image(const CameraView& cam, const SplatValues& values) {
 
 SplatValues gradient(const CameraView& cam, const SplatValues& values, const SplatImageVjp& v) {
   const SplatRaw raw = raw_of(values);
-  const SplatVjp gradient = splat_vjp(cam, raw, sight_ahead(cam, raw), v, 1);
+  const SplatVjp gradient = splat_vjp(cam, raw, view_ray_ahead(cam, raw), v, 1);
   SplatValues out{};
   std::copy(std::begin(gradient.e), std::end(gradient.e), out.begin());
   return out;

@@ -113,8 +113,8 @@ TEST_CASE("the capacity of lists that the host does not count is slightly larger
     Renderer renderer(*device, stages);
     renderer.set_cameras({few.views.views[0].camera});
     const auto room_after = [&](const DeviceModel& model) {
-      UncountedView view = renderer.forward_uncounted(model.view(), 0, {});
-      CHECK(view.had_room());
+      DeferredView view = renderer.forward_deferred(model.view(), 0, {});
+      CHECK(view.had_capacity());
       return stages.last<CountLists>().room.intersections;
     };
     const std::uint64_t most = renderer.forward(large.view(), 0, {}, true).intersections;
@@ -124,7 +124,7 @@ TEST_CASE("the capacity of lists that the host does not count is slightly larger
     CHECK(room_after(small) >= most);
     for (int k = 0; k < 300; ++k) room_after(small);
     CHECK(room_after(small) < most);
-    CHECK_FALSE(renderer.forward_uncounted(large.view(), 0, {}).had_room());
+    CHECK_FALSE(renderer.forward_deferred(large.view(), 0, {}).had_capacity());
     CHECK(renderer.forward(large.view(), 0, {}, true).intersections == most);
     CHECK(renderer.download().rgb == expected);
     CHECK(room_after(large) >= most);
@@ -165,19 +165,19 @@ TEST_CASE("a view with many more visible splats than recent views is rendered ag
       const auto of_few = result(renderer);
       REQUIRE(few.visible + few.visible / 4 < many.visible);
       REQUIRE(few.intersections >= many.intersections);
-      CHECK(renderer.forward_uncounted(model.view(), 0, {}).had_room());
+      CHECK(renderer.forward_deferred(model.view(), 0, {}).had_capacity());
       CHECK(stages.last<CountLists>().room.visible == few.visible + few.visible / 4);
       CHECK(result(renderer) == of_few);
 
-      UncountedView view = renderer.forward_uncounted(model.view(), 1, {});
+      DeferredView view = renderer.forward_deferred(model.view(), 1, {});
       CHECK(stages.last<CountLists>().room.intersections >= many.intersections);
-      CHECK_FALSE(view.had_room());
+      CHECK_FALSE(view.had_capacity());
       CHECK(view.totals().visible == many.visible);
       CHECK(view.totals().intersections == many.intersections);
       CHECK(std::ranges::all_of(renderer.download().rgb, [](float value) { return value == 0; }));
       renderer.forward(model.view(), 1, {}, true);
       CHECK(result(renderer) == expected);
-      CHECK(renderer.forward_uncounted(model.view(), 1, {}).had_room());
+      CHECK(renderer.forward_deferred(model.view(), 1, {}).had_capacity());
       CHECK(result(renderer) == expected);
     }
 }

@@ -10,8 +10,8 @@
 #include "host/scene/frozen_groups.hpp"
 #include "tests/pipeline/training_runs.hpp"
 #include "tests/support/device_fixture.hpp"
-#include "tests/support/whole_sweep.hpp"
 #include "tests/support/published.hpp"
+#include "tests/support/whole_sweep.hpp"
 
 namespace ubs {
 namespace {

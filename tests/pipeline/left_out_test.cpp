@@ -59,12 +59,12 @@ TEST_CASE("rendering builds, allocates and launches nothing that only training n
         Names{"project_forward", "count_sums", "count_write", "radix_histogram", "radix_scatter",
               "column_starts", "tile_histogram", "tile_scatter", "raster_cpu_forward"});
   // The programs that were built contain only two other kernels: column_scan, which replaces column_starts
-  // for large histograms, and fit_lists, for lists whose length the host does not know. PoCL compiles a
-  // kernel when it is launched for the first time, so these two take no time here.
+  // for large histograms, and clamp_to_capacity, for lists whose length the host does not know. PoCL compiles
+  // a kernel when it is launched for the first time, so these two take no time here.
   CHECK(opencl_of(*drawing).compiled_kernels() == Names{"project_forward", "count_sums", "count_write",
                                                         "radix_histogram", "radix_scatter", "column_starts",
                                                         "column_scan", "tile_histogram", "tile_scatter",
-                                                        "raster_cpu_forward", "fit_lists"});
+                                                        "raster_cpu_forward", "clamp_to_capacity"});
 
   const auto training = fresh_device();
   test::train(*training, test::short_run(6, 3, 300), data);  // with a refinement and an evaluation

@@ -53,7 +53,7 @@ Result gradient_of(Device& device, const bench::BenchScene& scene, const KernelC
   renderer.set_cameras({scene.views.views[0].camera});
   Result result;
   result.intersections = renderer.forward(model.view(), 0, {}, true).intersections;
-  if (again) REQUIRE(renderer.forward_uncounted(model.view(), 0, {}).had_room());
+  if (again) REQUIRE(renderer.forward_deferred(model.view(), 0, {}).had_capacity());
   std::vector<float> v_image(3 * renderer.shape().plane());
   for (std::size_t i = 0; i < v_image.size(); ++i) v_image[i] = std::sin(0.37f * static_cast<float>(i));
   device.write(*renderer.v_image().memory, 0, std::as_bytes(std::span(v_image)));

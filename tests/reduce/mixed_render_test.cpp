@@ -3,8 +3,8 @@
 // of each group.
 #include <catch2/catch.hpp>
 
-#include "host/model/replacement.hpp"
 #include "host/lab/oracle/oracle.hpp"
+#include "host/model/replacement.hpp"
 #include "host/pipeline/device_groups.hpp"
 #include "host/pipeline/view_gradient.hpp"
 #include "tests/reduce/reduce_scene.hpp"

@@ -5,8 +5,8 @@
 #include <catch2/catch.hpp>
 #include <cmath>
 
-#include "host/model/reducer.hpp"
 #include "host/base/error.hpp"
+#include "host/model/reducer.hpp"
 #include "kernels/layout.h"
 #include "tests/reduce/reduce_scene.hpp"
 #include "tests/support/device_fixture.hpp"

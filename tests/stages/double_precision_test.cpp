@@ -98,7 +98,7 @@ TEST_CASE("double-precision kernels agree with the host", "[stages]") {
       if (drawn[i] == 0) continue;
       ++checked;
       const SplatRaw raw = splat(in, i);
-      const SplatImage s = splat_image(raw, splat_state(cam, raw, sight_ahead(cam, raw), 1));
+      const SplatImage s = splat_image(raw, splat_state(cam, raw, view_ray_ahead(cam, raw), 1));
       REQUIRE(s.valid);
       const double* r = &record[static_cast<std::size_t>(i) * kSplatStride];
       const double expected[] = {s.x, s.y, s.conic.l00, s.conic.l01, s.conic.l11, s.opacity, s.beta,
@@ -106,7 +106,7 @@ TEST_CASE("double-precision kernels agree with the host", "[stages]") {
       for (int k = 0; k <= kSplatDepth; ++k)
         forward = std::max(forward, relative_difference(r[k], expected[k]));
       const double* v = &in.v_records[static_cast<std::size_t>(i) * kGradStride];
-      const SplatRaw g = splat_vjp(cam, raw, sight_ahead(cam, raw),
+      const SplatRaw g = splat_vjp(cam, raw, view_ray_ahead(cam, raw),
                                    {v[0], v[1], {v[2], v[3], v[4]}, v[5], v[6], v[7], v[8], v[9]}, 1);
       for (int k = 0; k < kRowCount; ++k)
         backward = std::max(

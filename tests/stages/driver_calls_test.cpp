@@ -235,7 +235,7 @@ TEST_CASE("the tile lists of a view need 20 launches with the GPU kernels", "[de
     CHECK(launches_of_lists([&] { renderer.forward(model.view(), 0, {}, true); }) == 20);
     // The second time, the buffers of the lists exist, and the host does not wait for the lengths of the
     // lists.
-    CHECK(launches_of_lists([&] { CHECK(renderer.forward_uncounted(model.view(), 0, {}).had_room()); }) ==
+    CHECK(launches_of_lists([&] { CHECK(renderer.forward_deferred(model.view(), 0, {}).had_capacity()); }) ==
           20);
   }
 }
@@ -305,7 +305,7 @@ TEST_CASE("kernels have the declared arguments, and other arguments are reported
       renderer.set_cameras({scene.views.views[0].camera});
       for (const bool counted : {true, false}) {
         if (counted) renderer.forward(model.view(), 0, {}, true);
-        if (!counted) REQUIRE(renderer.forward_uncounted(model.view(), 0, {}).had_room());
+        if (!counted) REQUIRE(renderer.forward_deferred(model.view(), 0, {}).had_capacity());
         Buffer<float> v_params(*opened, "gradients", static_cast<std::size_t>(model.rows()) * model.stride());
         renderer.backward(v_params.view(), false);
       }

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Settings of trainings with the published schedule. Most tests use it, because its values do not depend on the
-// length of the run.
+// Settings of trainings with the published schedule. Most tests use it, because its values do not depend on
+// the length of the run.
 #pragma once
 
 #include "host/settings/settle.hpp"

@@ -1,15 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
 // Tests the refinement of cameras (the setting refine_cameras): corrections of a pose, fitting a pose to a
 // known model, training with inaccurate poses, and the files that a run writes. Refined cameras may differ
-// from the given ones by a similarity transform of all cameras (the gauge), which hold_gauge() removes.
+// from the given ones by a similarity transform of all cameras (the gauge), which fix_similarity() removes.
 #include <catch2/catch.hpp>
 #include <cmath>
 
-#include "host/run/run_cameras.hpp"
 #include "host/base/philox.hpp"
 #include "host/dataset/colmap.hpp"
 #include "host/lab/oracle/scenes.hpp"
 #include "host/pipeline/device_model.hpp"
+#include "host/run/run_cameras.hpp"
 #include "host/scene/extent.hpp"
 #include "host/train/camera_refiner.hpp"
 #include "tests/pipeline/training_runs.hpp"
@@ -26,7 +26,7 @@ struct PoseError {
 };
 
 PoseError pose_error(std::vector<Camera> cameras, std::span<const Camera> truth) {
-  hold_gauge(cameras, truth);
+  fix_similarity(cameras, truth);
   PoseError e;
   for (std::size_t i = 0; i < cameras.size(); ++i) {
     RotationMatrix between{};

@@ -278,7 +278,7 @@ TEST_CASE(
         continue;
       }
       CHECK(message_of([&] { run_to(trainer, 12); }).find("moody.png") != std::string::npos);
-      CHECK(trainer.state_is_whole());
+      CHECK(trainer.state_is_consistent());
       CHECK(trainer.iteration() == 3);
       Trainer second(*device, settle(settings), data.train, kNone, start(settings));
       second.restore(trainer.state());

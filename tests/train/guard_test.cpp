@@ -100,7 +100,7 @@ TEST_CASE("guard: with on_nan = stop, the error message contains splat, iteratio
         });
         CHECK(test::contains(result.message, "not finite at iteration 21, stage parameters, splat 123"));
         CHECK(result.warnings.empty());
-        CHECK_FALSE(trainer.state_is_whole());
+        CHECK_FALSE(trainer.state_is_consistent());
         CHECK(trainer.iteration() == 21);
       }
     }

@@ -8,8 +8,8 @@
 #include <catch2/catch.hpp>
 
 #include "host/lab/bench/bench_scene.hpp"
-#include "host/train/run_settings.hpp"
 #include "host/settings/schedule.hpp"
+#include "host/train/run_settings.hpp"
 #include "tests/pipeline/training_runs.hpp"
 #include "tests/support/device_fixture.hpp"
 
@@ -214,13 +214,14 @@ TEST_CASE("plan: a run that does not fit into memory is rejected before anything
     CHECK(memory_shortage(fitting, small).starts_with("the run needs "));
     RunPlan plan;
     plan.memory = fitting;
-    CHECK(fit_text(plan, small).starts_with("does not fit: the run needs "));
-    CHECK(fit_text(plan, info) == "fits");
+    CHECK(memory_fit_text(plan, small).starts_with("does not fit: the run needs "));
+    CHECK(memory_fit_text(plan, info) == "fits");
     if (35ull * 4 * 100'000'000 <= info.max_allocation_bytes) continue;
     device->reset_peak();
     const std::uint64_t before = device->peak_bytes();
-    const std::string message = message_of(
-        [&] { plan_training(*device, settle(settings), data.train, kNone, start(settings)); }, ErrorKind::memory);
+    const std::string message =
+        message_of([&] { plan_training(*device, settle(settings), data.train, kNone, start(settings)); },
+                   ErrorKind::memory);
     CHECK(message.find(std::to_string(35ull * 4 * 100'000'000 >> 20)) != std::string::npos);
     CHECK(message.find(std::to_string(info.max_allocation_bytes >> 20)) != std::string::npos);
     CHECK(device->peak_bytes() == before);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tests the function that decides automatic settings: a table of requests, facts about the data, and the values
-// that follow. Also tests how the facts are determined, and the setting lr_cooldown.
+// Tests the function that decides automatic settings: a table of requests, facts about the data, and the
+// values that follow. Also tests how the facts are determined, and the setting lr_cooldown.
 #include "host/settings/settle.hpp"
 
 #include <catch2/catch.hpp>
@@ -62,9 +62,12 @@ const Facts kNoPoints = with([](Facts& f) { f.points = 0, f.random_points = 700;
 const Row kRows[] = {
     // The length, and what depends on it.
     {"", "schedule=fast iterations=16000 cap_max=192000 budget=none"},
-    {"schedule=published", "iterations=30000 cap_max=300000 refine=500:25000:100 growth=1.02 pyramid= noise_lr=16000000"},
-    {"iterations=2000", "cap_max=24000 pyramid=4:0.5,2:0.8 refine=500:25000:1500 lr_rgb=0.005 lr_cooldown=0.15"},
-    {"iterations=2000 schedule=published", "cap_max=300000 pyramid= refine=500:25000:100 lr_rgb=0.001 lr_cooldown=0"},
+    {"schedule=published",
+     "iterations=30000 cap_max=300000 refine=500:25000:100 growth=1.02 pyramid= noise_lr=16000000"},
+    {"iterations=2000",
+     "cap_max=24000 pyramid=4:0.5,2:0.8 refine=500:25000:1500 lr_rgb=0.005 lr_cooldown=0.15"},
+    {"iterations=2000 schedule=published",
+     "cap_max=300000 pyramid= refine=500:25000:100 lr_rgb=0.001 lr_cooldown=0"},
     {"budget=10m", "iterations=16000 budget=none"},
     {"iterations=400", "cap_max=10000 refine=500:25000:3000"},
     {"iterations=30000", "cap_max=300000"},
@@ -73,8 +76,10 @@ const Row kRows[] = {
     {"iterations=390", "pyramid=4:0.7,2:0.95"},
     {"iterations=2000", "cap_max=80000", with([](Facts& f) { f.points = 400000; })},
     // What was asked for is kept.
-    {"cap_max=7000 growth=1.3 refine=500:25000:900 init_points=4000 lr_rgb=0.004 pyramid=2:0.5 opacity_reg=0.03",
-     "cap_max=7000 growth=1.3 refine=500:25000:900 init_points=4000 lr_rgb=0.004 pyramid=2:0.5 opacity_reg=0.03 "
+    {"cap_max=7000 growth=1.3 refine=500:25000:900 init_points=4000 lr_rgb=0.004 pyramid=2:0.5 "
+     "opacity_reg=0.03",
+     "cap_max=7000 growth=1.3 refine=500:25000:900 init_points=4000 lr_rgb=0.004 pyramid=2:0.5 "
+     "opacity_reg=0.03 "
      "find_points=0"},
     {"cap_max=300000 iterations=2000", "cap_max=300000"},
     // Initial splats.
@@ -82,7 +87,7 @@ const Row kRows[] = {
     {"iterations=2000", "init_points=100000 lr_xyz=0.00016 beta_dir_init=-3 find_points=75000"},
     {"iterations=20000 init_extent=2", "init_extent=2 find_points=0"},
     {"iterations=16000", "beta_dir_init=-0.247"},
-    {"iterations=16000", "beta_dir_init=-3", with([](Facts& f) { f.lone_object = true; })},
+    {"iterations=16000", "beta_dir_init=-3", with([](Facts& f) { f.plain_background = true; })},
     {"budget=20s", "find_points=20000"},
     // Dimensions and units.
     {"", "dim=6 conditioning=covariance unit=4 noise_lr=1000000 near_plane=0.04"},
@@ -97,10 +102,11 @@ const Row kRows[] = {
     {"schedule=published kernel=gaussian colour=sb1", "lr_opacity=0.025 lr_scale=0.02 lr_rgb=0.0025"},
     // The background, and the penalty of opacities.
     {"", "background=0.5,0.25,1 random_background=on opacity_reg=0"},
-    {"", "background=0,0,0 random_background=off opacity_reg=0.01", with([](Facts& f) { f.transparent = "a"; })},
+    {"", "background=0,0,0 random_background=off opacity_reg=0.01",
+     with([](Facts& f) { f.transparent = "a"; })},
     {"background=1,1,1", "background=1,1,1 random_background=on"},
     {"background=learn", "background=learn random_background=off opacity_reg=0.01"},
-    {"", "opacity_reg=0.02", with([](Facts& f) { f.few_photographs = true; })},
+    {"", "opacity_reg=0.02", with([](Facts& f) { f.few_images = true; })},
     {"schedule=published", "opacity_reg=0", with([](Facts& f) { f.wide_images = true; })},
 };
 
@@ -154,8 +160,9 @@ TEST_CASE("settle: settings that do not suit the data are refused, or give a war
   for (const char* asked : {"background=learn", "background=sky", "random_background=on"})
     CHECK(test::message_of([&] { settle(request(asked), transparent); }, ErrorKind::data)
               .starts_with("a.png: the image may be transparent"));
-  CHECK(test::message_of([&] { settle(request("cov_param=skew_nd unit=2"), photographs()); }, ErrorKind::usage)
-            .find("unit = 1") != std::string::npos);
+  CHECK(
+      test::message_of([&] { settle(request("cov_param=skew_nd unit=2"), photographs()); }, ErrorKind::usage)
+          .find("unit = 1") != std::string::npos);
   CHECK(settle(request("dim=7"), photographs()).warnings.at(0).find("cannot learn motion") !=
         std::string::npos);
   CHECK(settle(request("dim=3"), kMoving).warnings.at(0).find("--dim 4") != std::string::npos);
@@ -188,11 +195,11 @@ TEST_CASE("facts: single objects and small numbers of photographs are recognised
     Dataset data;
     return facts_of(data, train, request("find_points=0"));
   };
-  CHECK_FALSE(found(false, true).lone_object);
-  CHECK(found(true, true).lone_object);
-  CHECK(found(false, true, 24).few_photographs);
-  CHECK_FALSE(found(false, true, 25).few_photographs);
-  CHECK_FALSE(found(true, true).few_photographs);
+  CHECK_FALSE(found(false, true).plain_background);
+  CHECK(found(true, true).plain_background);
+  CHECK(found(false, true, 24).few_images);
+  CHECK_FALSE(found(false, true, 25).few_images);
+  CHECK_FALSE(found(true, true).few_images);
   CHECK(found(true, true).mean_colour[1] == 1);
   CHECK(found(true, false).transparent == "second");
   CHECK(found(true, true).random_points == 100);
@@ -205,7 +212,8 @@ TEST_CASE("settings: with lr_cooldown, learning rates fall to zero at the end", 
     const auto after = [&](double cooldown, int iterations) {
       TrainSettings settings = test::short_run(6, 20, 300);
       settings.lr_cooldown = cooldown;
-      Trainer trainer(*device, settle(settings), data.train, {"test", {}}, initialise_random(6, 300, settings.seed));
+      Trainer trainer(*device, settle(settings), data.train, {"test", {}},
+                      initialise_random(6, 300, settings.seed));
       trainer.run([&](const StepReport& report) { return report.iteration < iterations; });
       REQUIRE(trainer.iteration() == iterations);
       return trainer.model().values;

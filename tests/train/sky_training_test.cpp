@@ -79,7 +79,7 @@ TEST_CASE("sky: the learnt background equals the background of the images", "[sk
       Trainer trainer(*device, settle(settings), data.train, data.test, test::start(settings));
       trainer.run([](const StepReport&) { return true; });
       const Metrics with = trainer.evaluate_test();
-      const Background found = trainer.scene().drawn_settings().background;
+      const Background found = trainer.scene().settings_with_learnt_background().background;
       INFO((sky ? "sky" : "colour") << ": " << without << " dB on grey, " << with.mean.psnr << " dB");
       CHECK(with.mean.psnr > without + (sky ? 1.7 : 1.1));  // observed on PoCL: 3.5 and 2.3 dB
       REQUIRE(found.harmonics.size() == (sky ? kSkyHarmonics : 0));
@@ -97,7 +97,7 @@ TEST_CASE("sky: the learnt background equals the background of the images", "[sk
       }
       CHECK(worst < (sky ? 0.12 : 0.004));  // the bounds are twice the values on PoCL
       // Rendering the model with the settings in its header gives the same quality as the trainer.
-      TrainSettings drawn = trainer.scene().drawn_settings();
+      TrainSettings drawn = trainer.scene().settings_with_learnt_background();
       Trainer again(*device, settle(drawn), data.train, data.test, trainer.model());
       CHECK(again.evaluate_test().mean.psnr == with.mean.psnr);
     }

@@ -133,7 +133,8 @@ TEST_CASE("time budget: durations are parsed, and invalid ones are rejected", "[
                                       {"1h 30 sec", 3630.0}})
     CHECK(parse_duration(text, "budget") == seconds);
   for (const char* wrong : {"", "s", "-5s", "0", "1d", "nan", "1e9h", "1h-3m", "1h 30min?", "inf"})
-    CHECK(message_of([&] { parse_duration(wrong, "budget"); }, ErrorKind::usage).find("90s") != std::string::npos);
+    CHECK(message_of([&] { parse_duration(wrong, "budget"); }, ErrorKind::usage).find("90s") !=
+          std::string::npos);
 }
 
 TEST_CASE("time budget: the time of a schedule is the sum of its steps and sweeps", "[budget]") {
@@ -504,7 +505,8 @@ TEST_CASE("time budget: a finished run can be continued for a given time, and re
     state.seconds = run.seconds;
 
     test::SimulatedTime time;
-    Trainer trainer(*device, Plan(run.settings), data.train, test::kNone, test::start(settings), alone(), time);
+    Trainer trainer(*device, Plan(run.settings), data.train, test::kNone, test::start(settings), alone(),
+                    time);
     trainer.restore(state);
     budget.seconds = run.seconds + 20;
     trainer.keep_to(budget);

@@ -44,8 +44,8 @@ TimedRun run_timed(Device& device, TrainSettings settings, const test::Data& dat
                    const Course& course) {
   if (!saves) settings.eval_every = "10s";
   test::SimulatedTime time;
-  Trainer trainer(device, settle(settings), data.train, saves ? test::kNone : data.test, test::start(settings),
-                  alone(), time);
+  Trainer trainer(device, settle(settings), data.train, saves ? test::kNone : data.test,
+                  test::start(settings), alone(), time);
   TimedRun run;
   if (saves)
     trainer.on_state({0, kInterval, [&](const TrainState& state) { run.saves.push_back(state.iteration); }});

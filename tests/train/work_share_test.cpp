@@ -9,9 +9,9 @@
 #include <random>
 
 #include "host/settings/fields.hpp"
+#include "host/settings/schedule.hpp"
 #include "host/train/pyramid.hpp"
 #include "host/train/run_settings.hpp"
-#include "host/settings/schedule.hpp"
 #include "host/train/time_budget.hpp"
 #include "tests/support/published.hpp"
 #include "tests/support/temp_folder.hpp"

@@ -3,8 +3,8 @@
 // buffers, the image must be the same as that of new buffers with only these splats.
 #include <catch2/catch.hpp>
 
-#include "host/model/decompose.hpp"
 #include "host/lab/oracle/scenes.hpp"
+#include "host/model/decompose.hpp"
 #include "host/pipeline/device_groups.hpp"
 #include "host/train/run_settings.hpp"
 #include "tests/support/device_fixture.hpp"

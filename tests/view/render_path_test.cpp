@@ -6,8 +6,8 @@
 
 #include "host/base/json.hpp"
 #include "host/dataset/image.hpp"
-#include "host/formats/ply.hpp"
 #include "host/dataset/video.hpp"
+#include "host/formats/ply.hpp"
 #include "host/lab/oracle/scenes.hpp"
 #include "tests/support/images.hpp"
 #include "tests/support/run_ubs.hpp"

@@ -6,12 +6,12 @@
 #include <utility>
 #include <vector>
 
-#include "host/run/same_run.hpp"
-#include "host/run/open_data.hpp"
 #include "host/base/error.hpp"
 #include "host/base/paths.hpp"
 #include "host/formats/splat_file.hpp"
 #include "host/look/report/run_record.hpp"
+#include "host/run/open_data.hpp"
+#include "host/run/same_run.hpp"
 #include "host/settings/fields.hpp"
 #include "host/train/checkpoint.hpp"
 #include "tools/common/output.hpp"

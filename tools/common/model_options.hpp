@@ -8,9 +8,9 @@
 #include <optional>
 #include <string>
 
+#include "host/formats/splat_file.hpp"
 #include "host/model/model_session.hpp"
 #include "host/run/open_data.hpp"
-#include "host/formats/splat_file.hpp"
 #include "host/settings/train_settings.hpp"
 #include "tools/common/settings_options.hpp"
 

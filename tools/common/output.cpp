@@ -4,8 +4,8 @@
 #include <algorithm>
 #include <cmath>
 
-#include "host/run/open_data.hpp"
 #include "host/base/json.hpp"
+#include "host/run/open_data.hpp"
 
 namespace ubs::tools {
 namespace {

@@ -28,7 +28,7 @@ bool same_file(const fs::path& a, const fs::path& b) {
 
 // Returns whether `inner` is inside `outer` after resolving symbolic links. Compares inodes, so bind mounts
 // are recognised too.
-bool lies_in(const fs::path& inner, const fs::path& outer) {
+bool is_inside(const fs::path& inner, const fs::path& outer) {
   for (fs::path above = resolved_path(inner); above != above.parent_path();) {
     above = above.parent_path();
     if (same_file(above, outer)) return true;
@@ -115,11 +115,11 @@ void check_extension(const fs::path& file, const std::string& what,
          file.string(), what, extension, extensions.front());
 }
 
-void check_apart(const fs::path& folder, const Paths& data) {
+void check_outside(const fs::path& folder, const Paths& data) {
   for (const fs::path& input : data) {
     if (input.empty()) continue;
-    if (lies_in(folder, input) && is_data_folder(folder, input)) refuse_data_folder(folder);
-    const char* how = same_file(folder, input) ? "is" : lies_in(input, folder) ? "holds" : nullptr;
+    if (is_inside(folder, input) && is_data_folder(folder, input)) refuse_data_folder(folder);
+    const char* how = same_file(folder, input) ? "is" : is_inside(input, folder) ? "holds" : nullptr;
     if (how)
       fail(ErrorKind::usage,
            "{}: the output folder {} the data folder {}: choose an output folder apart from the data",
@@ -132,12 +132,12 @@ void check_apart_from_images(const fs::path& folder, const Split& views) {
     if (!view.file.empty() && same_file(folder, folder_of(view.file))) refuse_data_folder(folder);
 }
 
-std::unique_ptr<FolderLock> take_folder(const fs::path& folder, const Paths& names, const Paths& data,
-                                        bool overwrite) {
+std::unique_ptr<FolderLock> lock_output_folder(const fs::path& folder, const Paths& names, const Paths& data,
+                                               bool overwrite) {
   if (folder.empty()) return nullptr;
   if (path_exists(folder) && !is_folder(folder))
     fail(ErrorKind::usage, "{}: this is not a folder", folder.string());
-  check_apart(folder, data);
+  check_outside(folder, data);
   Paths files;
   for (const fs::path& name : names) files.push_back(folder / name);
   check_files(files, data, overwrite);

@@ -31,7 +31,7 @@ void check_free(const Paths& files, bool overwrite);
 // `data` are folders or files. Throws Error(usage) if the folder is one of them or contains one of them. Also
 // throws Error(usage) if the folder is inside the data, and contains cameras or has a name that loaders look
 // for.
-void check_apart(const std::filesystem::path& folder, const Paths& data);
+void check_outside(const std::filesystem::path& folder, const Paths& data);
 // Throws Error(usage) if images of the views are directly in the folder.
 void check_apart_from_images(const std::filesystem::path& folder, const Split& views);
 
@@ -41,10 +41,10 @@ void check_apart_from_images(const std::filesystem::path& folder, const Split& v
 void check_extension(const std::filesystem::path& file, const std::string& what,
                      const std::vector<std::string_view>& extensions);
 
-// Prepares a folder for files with these `names`. Calls check_apart() and checks the files like
+// Prepares a folder for files with these `names`. Calls check_outside() and checks the files like
 // check_output_files(), with the data as inputs. Then creates the folder if necessary and locks it against
 // other processes. Returns null for an empty path.
-std::unique_ptr<FolderLock> take_folder(const std::filesystem::path& folder, const Paths& names,
-                                        const Paths& data, bool overwrite);
+std::unique_ptr<FolderLock> lock_output_folder(const std::filesystem::path& folder, const Paths& names,
+                                               const Paths& data, bool overwrite);
 
 }  // namespace ubs::tools

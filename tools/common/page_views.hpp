@@ -6,8 +6,8 @@
 #include <optional>
 #include <string>
 
-#include "host/run/open_data.hpp"
 #include "host/look/serve/live.hpp"
+#include "host/run/open_data.hpp"
 #include "tools/common/model_options.hpp"
 
 namespace ubs::tools {

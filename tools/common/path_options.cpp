@@ -6,8 +6,8 @@
 #include <cmath>
 #include <numbers>
 
-#include "host/model/keyframes.hpp"
 #include "host/base/error.hpp"
+#include "host/model/keyframes.hpp"
 #include "tools/common/job.hpp"
 #include "tools/common/number_check.hpp"
 #include "tools/common/output.hpp"

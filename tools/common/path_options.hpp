@@ -8,9 +8,9 @@
 #include <span>
 #include <string>
 
-#include "host/model/camera_path.hpp"
 #include "host/dataset/image.hpp"
 #include "host/formats/splat_file.hpp"
+#include "host/model/camera_path.hpp"
 #include "host/scene/dataset.hpp"
 
 namespace ubs::tools {

@@ -45,7 +45,7 @@ std::string memory_text(const RunPlan& plan, const DeviceInfo& device) {
   const MemoryItem& largest = plan.memory.largest();
   text += fmt::format("total {:.1f} MiB of {:.0f} MiB; largest buffer '{}' {:.1f} of {:.0f} MiB{}: {}\n",
                       mib(plan.memory.total()), mib(device.memory_bytes), largest.label, mib(largest.bytes),
-                      mib(device.max_allocation_bytes), memory_limits_text(), fit_text(plan, device));
+                      mib(device.max_allocation_bytes), memory_limits_text(), memory_fit_text(plan, device));
   return text;
 }
 
@@ -75,7 +75,7 @@ Json plan_json(const RunPlan& plan, const DeviceInfo& device) {
           {"memory",
            {{"items", memory},
             {"total_bytes", plan.memory.total()},
-            {"fit", fit_text(plan, device)},
+            {"fit", memory_fit_text(plan, device)},
             {"largest_bytes", plan.memory.largest().bytes},
             {"device_bytes", device.memory_bytes},
             {"device_largest_bytes", device.max_allocation_bytes}}},

@@ -11,17 +11,17 @@
 #include <cstring>
 #include <sstream>
 
-#include "host/run/open_data.hpp"
-#include "host/run/run_cameras.hpp"
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
 #include "host/base/json.hpp"
 #include "host/base/paths.hpp"
+#include "host/base/retry_on_eintr.hpp"
 #include "host/base/text.hpp"
-#include "host/base/uninterrupted.hpp"
 #include "host/base/warning.hpp"
 #include "host/dataset/image.hpp"
 #include "host/formats/ply.hpp"
+#include "host/run/open_data.hpp"
+#include "host/run/run_cameras.hpp"
 #include "host/scene/scene_unit.hpp"
 #include "host/settings/fields.hpp"
 #include "tools/common/output_files.hpp"
@@ -217,7 +217,7 @@ void RunFolder::log(const StepReport& report) {
   rows_ += row;
   if (log_ < 0) return;  // the file lacks rows: sync_log() writes all of them
   for (std::size_t done = 0; done < row.size();) {
-    const auto bytes = uninterrupted([&] { return ::write(log_, row.data() + done, row.size() - done); });
+    const auto bytes = retry_on_eintr([&] { return ::write(log_, row.data() + done, row.size() - done); });
     if (bytes >= 0) {
       done += static_cast<std::size_t>(bytes);
       continue;
@@ -234,7 +234,7 @@ void RunFolder::log(const StepReport& report) {
 
 void RunFolder::sync_log() {
   if (!writes_ || rows_.empty()) return;
-  if (log_ < 0 || uninterrupted([&] { return ::fsync(log_); }) != 0) start_log(std::move(rows_));
+  if (log_ < 0 || retry_on_eintr([&] { return ::fsync(log_); }) != 0) start_log(std::move(rows_));
 }
 
 void RunFolder::save_model(const SplatModel& model_values, std::span<const std::string> comments) {

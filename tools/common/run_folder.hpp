@@ -13,10 +13,10 @@
 
 #include "host/base/folder_lock.hpp"
 #include "host/dataset/load_dataset.hpp"
+#include "host/run/training_run.hpp"
 #include "host/scene/splat_model.hpp"
 #include "host/settings/train_settings.hpp"
 #include "host/train/checkpoint.hpp"
-#include "host/run/training_run.hpp"
 #include "tools/common/output.hpp"
 
 namespace ubs::tools {

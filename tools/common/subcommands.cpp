@@ -163,7 +163,8 @@ void log_to_stderr(LogLevel level, const std::string& text) {
 void prepare_environment() {
   setenv("OPENCV_IO_ENABLE_OPENEXR", "1", 0);  // OpenCV's EXR decoder is disabled by default
   setenv("OPENCV_FFMPEG_LOGLEVEL", "-8", 0);   // encoders write to stderr; ubs reports their errors itself
-  // Allows FFmpeg to open only these container formats, and only files. host/dataset/video.cpp checks this too.
+  // Allows FFmpeg to open only these container formats, and only files. host/dataset/video.cpp checks this
+  // too.
   setenv("OPENCV_FFMPEG_CAPTURE_OPTIONS",
          "format_whitelist;avi,matroska,mov,mpegts,webm|protocol_whitelist;file", 0);
   keep_driver_caches([](const char* name, const char* value) { setenv(name, value, 1); });

@@ -5,12 +5,12 @@
 #include <filesystem>
 #include <memory>
 
-#include "host/run/open_data.hpp"
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
 #include "host/dataset/synthetic.hpp"
 #include "host/lab/accuracy/table.hpp"
 #include "host/lab/bench/runner.hpp"
+#include "host/run/open_data.hpp"
 #include "tools/common/bench_environment.hpp"
 #include "tools/common/interrupt.hpp"
 #include "tools/common/model_options.hpp"
@@ -139,8 +139,8 @@ int run(const AccuracyOptions& options) {
   std::vector<std::shared_ptr<Device>> devices;
   for (const std::string& name : options.devices.empty() ? std::vector<std::string>{""} : options.devices)
     devices.push_back(open_device(name));
-  const auto held = take_folder(options.out, {"accuracy.csv", "accuracy.json"}, {options.data, options.model},
-                                options.overwrite);
+  const auto held = lock_output_folder(options.out, {"accuracy.csv", "accuracy.json"},
+                                       {options.data, options.model}, options.overwrite);
   const std::vector<NamedScene> scenes = load_scenes(options, *devices.front());
 
   const InterruptGuard guard;

@@ -4,14 +4,14 @@
 #include <CLI/CLI.hpp>
 #include <memory>
 
-#include "host/run/proved_device.hpp"
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
 #include "host/base/json.hpp"
-#include "host/formats/splat_file.hpp"
 #include "host/device/registry.hpp"
+#include "host/formats/splat_file.hpp"
 #include "host/lab/bench/bench_scene.hpp"
 #include "host/lab/bench/report.hpp"
+#include "host/run/verified_device.hpp"
 #include "host/settings/fields.hpp"
 #include "tools/common/bench_environment.hpp"
 #include "tools/common/interrupt.hpp"
@@ -133,7 +133,7 @@ int run(BenchOptions& options) {
   run.stop = [&] { return guard.interrupted(); };
   for (const std::string& device : devices)
     if (!guard.interrupted())
-      reports.push_back(run_cases(*open_proved_device(device, training_use(run.training)), run));
+      reports.push_back(run_cases(*open_verified_device(device, training_use(run.training)), run));
 
   if (const std::string text = device_comparison(reports); !text.empty()) say("\n{}", text);
   if (!options.json.empty())

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tools/lab/bench_data.hpp"
 
-#include "host/run/open_data.hpp"
 #include "host/base/error.hpp"
 #include "host/formats/splat_file.hpp"
+#include "host/run/open_data.hpp"
 
 namespace ubs::tools {
 namespace {

@@ -5,9 +5,9 @@
 
 #include <string>
 
-#include "host/run/open_data.hpp"
 #include "host/lab/bench/bench_case.hpp"
 #include "host/lab/bench/bench_scene.hpp"
+#include "host/run/open_data.hpp"
 #include "host/settings/train_settings.hpp"
 
 namespace ubs::tools {

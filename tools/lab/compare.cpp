@@ -7,15 +7,15 @@
 #include <filesystem>
 #include <memory>
 
-#include "host/run/open_data.hpp"
-#include "host/run/training_run.hpp"
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
 #include "host/base/statistics.hpp"
 #include "host/base/stopwatch.hpp"
-#include "host/formats/ply.hpp"
 #include "host/device/registry.hpp"
+#include "host/formats/ply.hpp"
 #include "host/lab/accuracy/truth.hpp"
+#include "host/run/open_data.hpp"
+#include "host/run/training_run.hpp"
 #include "host/scene/initialise.hpp"
 #include "host/train/run_settings.hpp"
 #include "host/train/target_loss.hpp"
@@ -235,8 +235,8 @@ Inputs load_inputs(const CompareOptions& options) {
 
 int run(CompareOptions& options) {
   options.run = use_run_data(options.model, options.data, options.settings.resolve());
-  const auto held = take_folder(options.out, {"compare.json", "compare.csv", "compare.md"}, {options.data},
-                                options.overwrite);
+  const auto held = lock_output_folder(options.out, {"compare.json", "compare.csv", "compare.md"},
+                                       {options.data}, options.overwrite);
   const Inputs in = load_inputs(options);
   check_devices(options.devices);
   std::vector<Comparison> rows;

@@ -7,12 +7,12 @@
 #include <cmath>
 #include <memory>
 
-#include "host/run/open_data.hpp"
-#include "host/run/proved_device.hpp"
 #include "host/base/error.hpp"
 #include "host/dataset/npy.hpp"
 #include "host/formats/ply.hpp"
 #include "host/pipeline/view_gradient.hpp"
+#include "host/run/open_data.hpp"
+#include "host/run/verified_device.hpp"
 #include "host/train/run_settings.hpp"
 #include "tools/common/model_options.hpp"
 #include "tools/common/output.hpp"
@@ -106,7 +106,7 @@ int run(GradientsOptions& options) {
   std::vector<std::uint8_t> mask;
   const std::vector<float> target = planar_target(options, view, mask);
   const std::unique_ptr<Device> device =
-      open_proved_device(options.device, drawing_use(model, settings, true));
+      open_verified_device(options.device, drawing_use(model, settings, true));
   const MixedViewGradient gradient = view_gradient(
       *device, config_for(*device, model, settings, false, true), model, view.camera, target,
       render_settings(settings), static_cast<float>(settings.lambda_dssim), mask, options.cameras);

@@ -4,13 +4,13 @@
 #include <algorithm>
 #include <memory>
 
-#include "host/run/proved_device.hpp"
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
 #include "host/device/registry.hpp"
 #include "host/device/tuning.hpp"
 #include "host/lab/bench/bench_case.hpp"
 #include "host/lab/bench/tune_subject.hpp"
+#include "host/run/verified_device.hpp"
 #include "tools/common/bench_environment.hpp"
 #include "tools/common/model_options.hpp"
 #include "tools/common/number_check.hpp"
@@ -90,7 +90,7 @@ void write_json(const TuneOptions& options, const DeviceInfo& device, const benc
 int run(const TuneOptions& options) {
   files_before_output();
   check_output_files({options.json}, {options.model}, options.overwrite);
-  const std::unique_ptr<Device> device = open_proved_device(options.device, training_use({}));
+  const std::unique_ptr<Device> device = open_verified_device(options.device, training_use({}));
   const RasterKind raster = raster_kind(options.raster, device->info());
   const TunedTable table = tunable(*device).tuned_constants();
   const std::string file = tuning_file(device->info()).string();

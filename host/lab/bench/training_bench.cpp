@@ -13,7 +13,7 @@ namespace {
 constexpr int kSampleIterations = 5, kWarmUpSamples = 2, kProfiledSamples = 2;
 // Learning rate of positions. It is tiny instead of 0, because this rate decays exponentially between two
 // positive values.
-constexpr double kStandStill = 1e-12;
+constexpr double kFrozenRate = 1e-12;
 
 double all_device_ms(const Device& device) {
   double total = 0;
@@ -33,7 +33,7 @@ Plan frozen_training(const BenchScene& scene, const IterationOptions& options) {
   s.log_every = kSampleIterations;
   s.list_counts = options.list_counts;
   s.on_nan = options.guard ? OnNan::stop : OnNan::off;
-  s.lr_xyz = s.lr_xyz_final = kStandStill;
+  s.lr_xyz = s.lr_xyz_final = kFrozenRate;
   s.lr_mean = s.lr_rgb = s.lr_opacity = s.lr_beta = s.lr_scale = s.lr_l_triangle = 0;
   for (std::size_t c = 0; c < 3; ++c) s.background.colour[c] = scene.background[c];
   const auto fields = bind_fields(s, train_fields());

@@ -120,17 +120,17 @@ double deviation(const Rounding& s, const std::array<double, kReadings>& slope) 
   return std::sqrt(std::max(0.0, sum));
 }
 
-// Meeting contains the values of one splat at one pixel.
-struct Meeting {
+// PixelSample contains the values of one splat at one pixel.
+struct PixelSample {
   double r = 0, r_rounding = 0;
   double alpha = 0, alpha_rounding = 0;  // before alpha is limited to its maximum
 };
 
-Meeting meet(const Footprint<double>& f, const Rounding& s, double x, double y, double margin,
-             SpatialKernel kernel) {
+PixelSample meet(const Footprint<double>& f, const Rounding& s, double x, double y, double margin,
+                 SpatialKernel kernel) {
   const double dx = f.mean[0] - x, dy = f.mean[1] - y;
   const double p = s.value[kL00] * dx + s.value[kL01] * dy, q = s.value[kL11] * dy;
-  Meeting m;
+  PixelSample m;
   m.r = kernel_radius<double>(f, x, y);
   const std::array<double, kReadings> slope{2 * p * s.value[kL00],
                                             2 * p * s.value[kL01] + 2 * q * s.value[kL11],
@@ -150,7 +150,7 @@ Meeting meet(const Footprint<double>& f, const Rounding& s, double x, double y, 
 
 // Returns whether rounding decides if the pixel is inside the support, and alpha or its slope is large enough
 // at the edge of the support for this to matter.
-bool at_rim(const Footprint<double>& f, const Meeting& m, SpatialKernel kernel) {
+bool at_rim(const Footprint<double>& f, const PixelSample& m, SpatialKernel kernel) {
   const KernelLimits limits = limits_of(kernel);
   if (limits.least > 0) return std::abs(m.alpha - limits.least) < m.alpha_rounding;
   const double width = m.r_rounding + kRimWidth;
@@ -174,7 +174,7 @@ class PixelStudy {
     for (int k : candidates) {
       const Footprint<double>& f = frame_.footprints[k];
       if (!(std::abs(f.mean[0] - x) <= frame_.half_width[k])) continue;
-      const Meeting m = meet(f, rounding_[k], x, y, margin_, kernel_);
+      const PixelSample m = meet(f, rounding_[k], x, y, margin_, kernel_);
       if (at_rim(f, m, kernel_)) return true;
       if (!reaches(f, m.r, kernel_)) continue;
       if (std::abs(m.alpha - cap) < m.alpha_rounding) return true;

@@ -9,10 +9,10 @@
 #include <opencv2/imgproc.hpp>
 #include <vector>
 
-#include "host/model/picture.hpp"
 #include "host/base/error.hpp"
 #include "host/dataset/opencv_parts.hpp"
 #include "host/look/report/html.hpp"
+#include "host/model/picture.hpp"
 
 namespace ubs {
 namespace {

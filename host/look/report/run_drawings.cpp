@@ -6,10 +6,10 @@
 #include <cmath>
 #include <numbers>
 
-#include "host/model/scene_frame.hpp"
 #include "host/base/error.hpp"
 #include "host/base/paths.hpp"
 #include "host/dataset/image.hpp"
+#include "host/model/scene_frame.hpp"
 #include "host/pipeline/device_groups.hpp"
 #include "host/pipeline/renderer.hpp"
 #include "host/train/run_settings.hpp"

@@ -7,8 +7,8 @@
 #include <string>
 #include <vector>
 
-#include "host/model/decompose.hpp"
 #include "host/look/report/run_record.hpp"
+#include "host/model/decompose.hpp"
 #include "host/scene/dataset.hpp"
 #include "host/scene/mixed_model.hpp"
 

@@ -13,7 +13,6 @@
 #include "host/base/json.hpp"
 #include "host/base/paths.hpp"
 #include "host/dataset/data_root.hpp"
-#include "host/settings/yaml_reader.hpp"
 #include "host/settings/fields.hpp"
 #include "host/settings/yaml_reader.hpp"
 

@@ -77,7 +77,7 @@ struct LiveTraining::Implementation {
   // Converts the camera into the unit of training, and prepares the painter. Returns the present splats.
   RenderGroup prepare(Camera& camera) {
     scale_lengths(camera, 1 / unit);
-    painter->use(render_settings(trainer.scene().drawn_settings()));
+    painter->use(render_settings(trainer.scene().settings_with_learnt_background()));
     return {stages.get(), trainer.scene().device_model().view()};
   }
 

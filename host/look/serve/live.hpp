@@ -9,10 +9,10 @@
 #include <string>
 #include <vector>
 
-#include "host/model/model_session.hpp"
-#include "host/model/scene_frame.hpp"
 #include "host/base/time_source.hpp"
 #include "host/look/serve/server.hpp"
+#include "host/model/model_session.hpp"
+#include "host/model/scene_frame.hpp"
 #include "host/scene/dataset.hpp"
 #include "host/train/trainer.hpp"
 

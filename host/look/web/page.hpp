@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// web_page() makes a page that shows a model: one HTML document with the model data (host/formats/ubsz.hpp) and
-// the viewer. The page loads no other files. viewer_markup() makes the same viewer as a part of another page.
+// web_page() makes a page that shows a model: one HTML document with the model data (host/formats/ubsz.hpp)
+// and the viewer. The page loads no other files. viewer_markup() makes the same viewer as a part of another
+// page.
 #pragma once
 
 #include <array>
@@ -9,9 +10,9 @@
 #include <string>
 #include <vector>
 
-#include "host/model/scene_frame.hpp"
 #include "host/base/json.hpp"
 #include "host/look/report/html.hpp"
+#include "host/model/scene_frame.hpp"
 #include "host/scene/dataset.hpp"
 #include "host/settings/train_settings.hpp"
 

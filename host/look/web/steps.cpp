@@ -8,11 +8,11 @@
 #include <numeric>
 #include <optional>
 
-#include "host/model/decompose.hpp"
-#include "host/model/picture.hpp"
 #include "host/base/error.hpp"
 #include "host/base/philox.hpp"
 #include "host/look/report/page_picture.hpp"
+#include "host/model/decompose.hpp"
+#include "host/model/picture.hpp"
 #include "host/pipeline/image_gradient.hpp"
 
 namespace ubs::web {

@@ -8,8 +8,8 @@
 #include <string>
 #include <vector>
 
-#include "host/model/model_session.hpp"
 #include "host/formats/ubsz.hpp"
+#include "host/model/model_session.hpp"
 #include "host/scene/dataset.hpp"
 
 namespace ubs::web {

@@ -23,12 +23,12 @@ check::Use drawing_use(const MixedModel& model, const TrainSettings& settings, b
 check::Use comparing_use(bool networks);
 // Verifies a device. Throws Error(faulty) if the device computes wrong results. `index` is the index of the
 // device in list_devices().
-void prove_device(const DeviceInfo& info, std::size_t index, const check::Use& use);
-// Chooses a device (see choose_proved_device in host/check/gate.hpp), verifies it and opens it. Throws the
-// same errors as choose_proved_device() and open_device().
-std::unique_ptr<Device> open_proved_device(const std::string& request, const check::Use& use);
+void verify_device(const DeviceInfo& info, std::size_t index, const check::Use& use);
+// Chooses a device (see choose_verified_device in host/check/gate.hpp), verifies it and opens it. Throws the
+// same errors as choose_verified_device() and open_device().
+std::unique_ptr<Device> open_verified_device(const std::string& request, const check::Use& use);
 // Chooses and verifies a device, and returns a request that selects exactly this device. It can be passed on
 // to other processes.
-std::string proved_request(const std::string& request, const check::Use& use);
+std::string verified_request(const std::string& request, const check::Use& use);
 
 }  // namespace ubs

@@ -7,7 +7,7 @@ namespace ubs {
 
 // Repeats a system call while it fails with EINTR.
 template <typename Call>
-auto uninterrupted(const Call& call) {
+auto retry_on_eintr(const Call& call) {
   for (;;)
     if (const auto result = call(); result != -1 || errno != EINTR) return result;
 }

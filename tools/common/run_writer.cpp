@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "tools/common/run_keeper.hpp"
+#include "tools/common/run_writer.hpp"
 
 #include <algorithm>
 #include <optional>
@@ -83,21 +83,21 @@ Checkpoint open_checkpoint(const fs::path& folder, bool more_time) {
   fail(ErrorKind::data, "{}: no checkpoint.ubs in this folder", folder.string());
 }
 
-RunKeeper::RunKeeper(RunFolder& folder, Checkpoint run, int saved)
+RunWriter::RunWriter(RunFolder& folder, Checkpoint run, int saved)
     : folder_(folder), run_(std::move(run)), saved_(saved) {
   run_.data_from_run = data_from_run(run_.data, folder_.path());
 }
 
-bool RunKeeper::save(const TrainState& state, const TrainSettings& settings) {
+bool RunWriter::save(const TrainState& state, const TrainSettings& settings) {
   return save(state.iteration, settings, [&] { run_.state = state; });
 }
 
-bool RunKeeper::save(const Trainer& trainer, const TrainSettings& settings) {
+bool RunWriter::save(const Trainer& trainer, const TrainSettings& settings) {
   if (ranks().size() > 1) return save(trainer.state(), settings);  // other ranks wait if this one fails
   return save(trainer.iteration(), settings, [&] { run_.state = trainer.state(); });
 }
 
-bool RunKeeper::save(int iteration, const TrainSettings& settings, const std::function<void()>& take_state) {
+bool RunWriter::save(int iteration, const TrainSettings& settings, const std::function<void()>& take_state) {
   try {
     folder_.check_place();
   } catch (const Error&) {
@@ -135,7 +135,7 @@ bool RunKeeper::save(int iteration, const TrainSettings& settings, const std::fu
   return true;
 }
 
-void RunKeeper::finish(int iteration) {
+void RunWriter::finish(int iteration) {
   if (saved_ < 0) return;
   if (saved_ == iteration) return folder_.keep_checkpoint();
   warn(

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Deal assigns the views of a batch to ranks. Faster ranks render more views. The views are rendered in
-// rounds, and in each round a rank renders at most one view. The views of a round are consecutive in the
-// batch, so that their gradients arrive in the order of the batch.
+// ViewAssignment assigns the views of a batch to ranks. Faster ranks render more views. The views are
+// rendered in rounds, and in each round a rank renders at most one view. The views of a round are consecutive
+// in the batch, so that their gradients arrive in the order of the batch.
 #pragma once
 
 #include <cstdint>
@@ -13,11 +13,11 @@ namespace ubs {
 
 inline constexpr std::int64_t kNoView = -1;  // entry of a rank that renders no view in a round
 
-class Deal {
+class ViewAssignment {
  public:
   // `speeds` contains the number of views per second that each rank renders. If it is empty, all ranks count
   // as equally fast.
-  Deal(std::uint64_t views, int ranks, std::span<const double> speeds = {}) {
+  ViewAssignment(std::uint64_t views, int ranks, std::span<const double> speeds = {}) {
     std::vector<std::uint64_t> counts(static_cast<std::size_t>(ranks));
     for (std::uint64_t view = 0; view < views; ++view) {  // assigns it to the rank that would finish it first
       std::size_t best = 0;
@@ -28,10 +28,10 @@ class Deal {
         if (done(r) < done(best)) best = r;
       ++counts[best];
     }
-    *this = Deal(std::move(counts));
+    *this = ViewAssignment(std::move(counts));
   }
   // `counts` contains the number of views that each rank renders.
-  explicit Deal(std::vector<std::uint64_t> counts) : counts_(std::move(counts)) {
+  explicit ViewAssignment(std::vector<std::uint64_t> counts) : counts_(std::move(counts)) {
     for (bool more = true; more;) {
       more = false;
       std::vector<std::int64_t> round(counts_.size(), kNoView);

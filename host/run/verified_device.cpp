@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "host/run/proved_device.hpp"
+#include "host/run/verified_device.hpp"
 
 #include "host/base/version.hpp"
 #include "host/base/warning.hpp"
@@ -20,7 +20,7 @@ check::Gate gate() {
 }
 
 std::size_t choose(const std::string& request, const check::Use& use) {
-  return check::choose_proved_device(request, use, gate());
+  return check::choose_verified_device(request, use, gate());
 }
 
 }  // namespace
@@ -59,15 +59,15 @@ check::Use comparing_use(bool networks) {
   return use;
 }
 
-void prove_device(const DeviceInfo& info, std::size_t index, const check::Use& use) {
-  check::prove_device(info, index, use, gate());
+void verify_device(const DeviceInfo& info, std::size_t index, const check::Use& use) {
+  check::verify_device(info, index, use, gate());
 }
 
-std::unique_ptr<Device> open_proved_device(const std::string& request, const check::Use& use) {
+std::unique_ptr<Device> open_verified_device(const std::string& request, const check::Use& use) {
   return open_device(choose(request, use));
 }
 
-std::string proved_request(const std::string& request, const check::Use& use) {
+std::string verified_request(const std::string& request, const check::Use& use) {
   return std::to_string(choose(request, use));
 }
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// RunKeeper writes the checkpoints of a training run to disk.
+// RunWriter writes the checkpoints of a training run to disk.
 #pragma once
 
 #include <filesystem>
@@ -17,10 +17,10 @@ namespace ubs::tools {
 // run has no checkpoint, if the checkpoint cannot be read, or if it belongs to another run.
 Checkpoint open_checkpoint(const std::filesystem::path& folder, bool more_time);
 
-class RunKeeper {
+class RunWriter {
  public:
   // `run`: the checkpoint without its state. `saved`: iteration of the existing checkpoint, or -1.
-  RunKeeper(RunFolder& folder, Checkpoint run, int saved);
+  RunWriter(RunFolder& folder, Checkpoint run, int saved);
 
   // Writes a checkpoint. Must be called by all ranks; each writes its part. If this fails (disk full, out of
   // memory), warns: training continues, the previous checkpoint is kept, and the next one is tried at its
