@@ -143,7 +143,8 @@ Distilled Distiller::at(double time, const ImportedSplats& closed_form, double s
   SplatModel initial = exact_model(with_degree(closed_form, degree_));
   const double unit = unit_of(train, initial);
   const TrainSettings asked = distilling_settings(drawing_, initial, unit);
-  const Facts facts{.points = initial.count};
+  Facts facts;
+  facts.points = initial.count;
   const Plan least_plan = settle(with_iterations(asked, facts, kMinIterations), facts).plan;
   for (Split* split : {&test, &train}) scale_lengths(*split, 1 / unit);
   scale_lengths(initial, 1 / unit);

@@ -15,7 +15,7 @@ namespace ubs {
 struct Facts {
   std::size_t views = 0;    // number of training views; 0: unknown
   double pixels = 0;        // median number of pixels of a view; 0: unknown
-  DimChoice dim{.dim = 0};  // the dimensions that differ between the views; 0: unknown
+  DimChoice dim{0, ""};  // the dimensions that differ between the views; 0: unknown
   bool moves = false;       // the views have different times
   bool one_place = false;   // all cameras are at the same position
   double depth = 0;         // depth of the scene (method.md 4.4) in the unit of the data; 0: unknown
