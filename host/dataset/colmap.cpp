@@ -9,6 +9,7 @@
 #include "host/base/file.hpp"
 #include "host/base/paths.hpp"
 #include "host/base/text.hpp"
+#include "host/scene/camera.hpp"
 
 namespace ubs {
 namespace {

@@ -4,6 +4,7 @@
 // size, and the segment APP1 "Exif" contains a TIFF directory with the orientation.
 #include "host/dataset/image_info.hpp"
 
+#include <algorithm>
 #include <cstdint>
 #include <cstring>
 #include <string_view>

@@ -7,7 +7,7 @@
 //   2. use() tells which kernels the caller has to verify on the device (verified_device.hpp).
 //   3. fit_to_budget() measures steps and chooses the number of iterations, if there is a budget.
 //   4. initial() makes the model that training starts with. The caller may use another one.
-//   5. start() compiles the kernels and makes the Trainer. Its run() trains.
+//   5. warm_up() compiles the kernels, and start() makes the Trainer. Its run() trains.
 //   6. model(), notes() and comments() return the result in the unit of the data.
 #pragma once
 
@@ -37,7 +37,6 @@ class TrainingRun {
   TrainingRun(const TrainingRun&) = delete;
   TrainingRun& operator=(const TrainingRun&) = delete;
 
-  const Facts& facts() const { return facts_; }
   // Returns the plan. After start(), it contains the length that the run has now.
   Plan plan() const { return trainer_ ? trainer_->plan() : *plan_; }
   // Returns what the loader has found, and the choices that were made for this run.

@@ -13,13 +13,13 @@ namespace ubs {
 
 // The default values mean that nothing is known about the data.
 struct Facts {
-  std::size_t views = 0;    // number of training views; 0: unknown
-  double pixels = 0;        // median number of pixels of a view; 0: unknown
-  DimChoice dim{0, ""};  // the dimensions that differ between the views; 0: unknown
-  bool moves = false;       // the views have different times
-  bool one_place = false;   // all cameras are at the same position
-  double depth = 0;         // depth of the scene (method.md 4.4) in the unit of the data; 0: unknown
-  std::size_t points = 0;   // number of initial points, with those that were triangulated from the images
+  std::size_t views = 0;   // number of training views; 0: unknown
+  double pixels = 0;       // median number of pixels of a view; 0: unknown
+  DimChoice dim{0, ""};    // the dimensions that differ between the views; 0: unknown
+  bool moves = false;      // the views have different times
+  bool one_place = false;  // all cameras are at the same position
+  double depth = 0;        // depth of the scene (method.md 4.4) in the unit of the data; 0: unknown
+  std::size_t points = 0;  // number of initial points, with those that were triangulated from the images
   std::size_t random_points = 100'000;  // number of splats to place at random if there are no points
   std::string start;                    // where they are placed, for the user
   std::string transparent = "?";        // first image with transparent pixels; empty if all are opaque

@@ -10,6 +10,7 @@
 #include "host/device/operations.hpp"
 #include "host/pipeline/device_model.hpp"
 #include "host/pipeline/shared_renderer.hpp"
+#include "host/scene/frozen_groups.hpp"
 #include "host/train/kernel_warm_up.hpp"
 #include "host/train/run_settings.hpp"
 #include "host/train/target_images.hpp"

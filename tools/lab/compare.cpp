@@ -17,6 +17,7 @@
 #include "host/run/open_data.hpp"
 #include "host/run/training_run.hpp"
 #include "host/scene/initialise.hpp"
+#include "host/settings/fields.hpp"
 #include "host/train/run_settings.hpp"
 #include "host/train/target_loss.hpp"
 #include "host/train/trainer.hpp"

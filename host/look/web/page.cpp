@@ -6,6 +6,7 @@
 
 #include "host/look/report/page_picture.hpp"
 #include "host/scene/camera_json.hpp"
+#include "host/settings/train_settings.hpp"
 
 namespace ubs::web {
 namespace {

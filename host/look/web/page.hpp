@@ -14,7 +14,10 @@
 #include "host/look/report/html.hpp"
 #include "host/model/scene_frame.hpp"
 #include "host/scene/dataset.hpp"
-#include "host/settings/train_settings.hpp"
+
+namespace ubs {
+struct TrainSettings;
+}
 
 namespace ubs::web {
 
