@@ -13,6 +13,7 @@
 #include "host/dataset/view_names.hpp"
 #include "host/formats/splat_file.hpp"
 #include "host/run/open_data.hpp"
+#include "host/scene/doubles.hpp"
 #include "host/scene/extent.hpp"
 #include "host/scene/mixed_model.hpp"
 #include "kernels/dialect/dialect.h"
@@ -153,6 +154,7 @@ Json describe_model(const std::string& path) {
             {"splats", model.count()},
             {"parameters_per_splat", layout.count},
             {"dead", dead},
+            {"doubles", share_of_doubles(model)},
             {"clamped", describe_clamps(model)},
             {"bounds", bounds(model)},
             {"opacity_quantiles", quantiles_json(opacity)},
@@ -297,6 +299,8 @@ int run(InfoOptions& options) {
   say("variant   {}\n", info["variant"].get<std::string>());
   say("bounds    {} to {}\n", numbers_text(info["bounds"]["min"]), numbers_text(info["bounds"]["max"]));
   say("dead      {} (opacity at most {})\n", info["dead"].get<long>(), UBS_OPACITY_DEAD);
+  say("doubles   {:.1f} % of the live splats (practically equal to another one)\n",
+      100 * info["doubles"].get<double>());
   const Json& clamped = info["clamped"];
   say("clamped   {} spatial betas, {} spatial scales, {} query scales; {} strongly coupled "
       "(docs/method.md 3.5)\n",

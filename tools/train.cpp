@@ -16,6 +16,7 @@
 #include "host/run/same_run.hpp"
 #include "host/run/training_run.hpp"
 #include "host/run/verified_device.hpp"
+#include "host/scene/doubles.hpp"
 #include "host/scene/scene_unit.hpp"
 #include "host/settings/fields.hpp"
 #include "host/train/kernel_warm_up.hpp"
@@ -366,7 +367,8 @@ int run(const TrainOptions& options) {
   std::size_t renders = 0;
   const auto write_results = [&] {
     folder.write_config(run.plan().recorded());
-    folder.save_model(run.model(), run.comments());
+    const SplatModel model = run.model();
+    folder.save_model(model, run.comments());
     measure_end(trainer, run.test(), outcome);
     peak_bytes = device->peak_bytes();
     std::vector<double> differences;
@@ -381,6 +383,7 @@ int run(const TrainOptions& options) {
       if (!run.chosen().empty()) json["chosen"] = run.chosen();
       if (learnt != Background::Learnt::no)
         json["learnt_background"] = to_string(run.settings_with_learnt_background().background);
+      json["doubles"] = share_of_doubles(model);
       json["storage_bytes"] = std::filesystem::file_size(folder.model());
       json["data_report"] = report_json(run.report());
       json["offset"] = run.offset();

@@ -3,19 +3,17 @@
 
 #include <algorithm>
 #include <cmath>
-#include <nanoflann.hpp>
 #include <numbers>
 
 #include "host/base/error.hpp"
 #include "host/base/parallel.hpp"
 #include "host/base/philox.hpp"
+#include "host/scene/point_tree.hpp"
 #include "host/scene/spatial_factor.hpp"
 
 namespace ubs {
 
 namespace {
-
-using Positions = std::span<const std::array<float, 3>>;
 
 // Each parameter group has its own random stream, so that a new group does not change the random numbers of
 // the other groups.
@@ -28,21 +26,9 @@ constexpr double kMinScale = 1e-7;
 constexpr double kLonePointScale = 0.1;
 constexpr double kJitter = 1e-5;  // standard deviation of the noise that breaks the symmetry of equal entries
 
-struct CloudAdaptor {
-  Positions positions;
-  std::size_t kdtree_get_point_count() const { return positions.size(); }
-  double kdtree_get_pt(std::size_t i, std::size_t axis) const { return positions[i][axis]; }
-  template <typename Box>
-  bool kdtree_get_bbox(Box&) const {
-    return false;
-  }
-};
-using Tree = nanoflann::KDTreeSingleIndexAdaptor<nanoflann::L2_Simple_Adaptor<double, CloudAdaptor>,
-                                                 CloudAdaptor, 3, std::uint32_t>;
-
 // Returns the root of the mean squared distance to the nearest neighbours. The point itself is excluded by
 // its index, not by its distance, because duplicates are real neighbours.
-double neighbour_distance(const Tree& tree, Positions positions, std::size_t i) {
+double neighbour_distance(const PointTree& tree, Positions positions, std::size_t i) {
   std::array<std::uint32_t, kNeighbours + 1> found{};
   std::array<double, kNeighbours + 1> squared{};
   const double query[3] = {positions[i][0], positions[i][1], positions[i][2]};
@@ -140,8 +126,8 @@ void fill_betas(SplatModel& model, const InitOptions& options) {
 
 std::vector<double> neighbour_distances(Positions positions) {
   if (positions.size() == 1) return {kLonePointScale};
-  const CloudAdaptor cloud{positions};
-  const Tree tree(3, cloud, nanoflann::KDTreeSingleIndexAdaptorParams(10));
+  const TreePoints points{positions};
+  const PointTree tree(3, points, nanoflann::KDTreeSingleIndexAdaptorParams(10));
   std::vector<double> distances(positions.size());
   constexpr std::size_t kBlock = 4096;
   parallel_for((positions.size() + kBlock - 1) / kBlock, [&](std::size_t block) {

@@ -8,6 +8,7 @@
 #include <limits>
 
 #include "host/base/philox.hpp"
+#include "host/scene/doubles.hpp"
 #include "tests/support/temp_folder.hpp"
 
 using namespace ubs;
@@ -199,4 +200,43 @@ TEST_CASE("initial Gaussians are as wide as initial Beta splats", "[init]") {
   for (std::size_t i = 0; i < 50; ++i)
     CHECK(softplus(a.row(a.layout().scale)[i]) ==
           Approx(3.08 * softplus(b.row(b.layout().scale)[i])).epsilon(1e-5));
+}
+
+TEST_CASE("splats that are practically equal to another live one are counted as doubles", "[doubles]") {
+  for (const int dim : {3, 7})
+    for (const Conditioning conditioning : {Conditioning::covariance, Conditioning::direct}) {
+      ModelVariant variant;
+      variant.conditioning = conditioning;
+      SplatModel model(dim, 100, variant);
+      const ParameterLayout l = model.layout();
+      for (std::size_t i = 0; i < model.count; ++i) model.row(l.xyz)[i] = 100.0f * static_cast<float>(i);
+      CHECK(share_of_doubles(model) == 0);
+      // Splat 1 becomes a copy of splat 0. All scales are softplus(0) = 0.69.
+      model.row(l.xyz)[1] = 0.01f;
+      CHECK(share_of_doubles(model) == Approx(0.02));
+      const auto differs = [&](int row, float by) {
+        SplatModel other = model;
+        other.row(row)[1] += by;
+        return share_of_doubles(other) == 0;
+      };
+      CHECK(differs(l.xyz + 1, 0.03f));
+      CHECK_FALSE(differs(l.xyz + 1, 0.01f));
+      CHECK(differs(l.scale + 2, 0.3f));
+      CHECK_FALSE(differs(l.scale + 2, 0.05f));
+      CHECK(differs(l.rgb + 1, 0.06f));
+      CHECK_FALSE(differs(l.rgb + 1, 0.04f));
+      CHECK(differs(l.beta, -0.3f));
+      CHECK(differs(l.opacity, -20));  // a dead splat is not a double
+      if (dim == 7) {
+        CHECK(differs(l.mean + 3, 0.2f));
+        CHECK_FALSE(differs(l.mean + 3, 0.05f));
+      }
+      // A group of four copies
+      for (std::size_t i = 2; i < 4; ++i)
+        for (int r = 0; r < l.count; ++r) model.row(r)[i] = model.row(r)[0];
+      CHECK(share_of_doubles(model) == Approx(0.04));
+      model.row(l.xyz)[1] = std::numeric_limits<float>::quiet_NaN();
+      CHECK(share_of_doubles(model) == Approx(3.0 / 99));
+    }
+  CHECK(share_of_doubles(SplatModel(3, 0)) == 0);
 }

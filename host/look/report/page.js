@@ -163,6 +163,7 @@
       [...measureNames().map((name) => [...measure(name), 1, 'test', 'mean', name]),
        ['PSNR from the poses that fit best', 'dB', 3, 1, 1, 'test', 'mean', 'fitted_pose', 'psnr'],
        ['splats', '', 0, 0, 1, 'splats'],
+       ['live splats practically equal to another one', '%', 1, -1, 100, 'doubles'],
        ['dimensions N', '', 0, 0, 1, 'dim'],
        ['iterations', '', 0, 0, 1, 'iterations'],
        ['training', 's', 1, -1, 1, 'seconds'],
