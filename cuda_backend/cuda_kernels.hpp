@@ -38,8 +38,9 @@ struct ProjectKernels {
 struct CameraKernels {
   Kernel<CameraBackwardKernel> backward;
 };
-using ParameterKernels = KernelTable<AdamKernel, WatchedAdamKernel, RegulariseKernel, AddNoiseKernel,
-                                     McmcWeightsKernel, McmcDrawKernel, McmcSourcesKernel, McmcCopiesKernel>;
+using ParameterKernels =
+    KernelTable<AdamKernel, WatchedAdamKernel, RegulariseKernel, AddNoiseKernel, McmcWeightsKernel,
+                McmcDrawKernel, McmcSourcesKernel, McmcCopiesKernel, McmcPlacesKernel>;
 // The default variant is compiled ahead of time up to this number of dimensions, which covers common data.
 // Kernels for more dimensions are compiled at run time. The kernel of the camera gradient and projection
 // kernels with gradients through the view direction are compiled at run time for any number of dimensions.

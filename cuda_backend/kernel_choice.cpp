@@ -59,7 +59,7 @@ std::optional<ProgramSpec> parameter_program(const KernelConfig& config) {
   switches.push_back(fmt::format("-DUBS_N={}", config.dim));
   return ProgramSpec{"cuda_backend/map_parameters.cuh",
                      {"adam_step", "adam_step_watched", "regularise", "add_noise", "mcmc_weights",
-                      "mcmc_draw", "mcmc_sources", "mcmc_copies"},
+                      "mcmc_draw", "mcmc_sources", "mcmc_copies", "mcmc_places"},
                      switches};
 }
 

@@ -26,7 +26,7 @@ ProjectKernels project_kernels_of<UBS_N>() {
 template <>
 ParameterKernels parameter_kernels_of<UBS_N>() {
   return {adam_step,    adam_step_watched, regularise,   add_noise,
-          mcmc_weights, mcmc_draw,         mcmc_sources, mcmc_copies};
+          mcmc_weights, mcmc_draw,         mcmc_sources, mcmc_copies, mcmc_places};
 }
 
 }  // namespace ubs::cuda

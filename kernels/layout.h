@@ -127,7 +127,10 @@ enum { kListPart = 1024, kLongList = 2 * kListPart };
 // ---- Purposes of the random numbers of one iteration (kernels/math/rng.h) ----
 // The purpose is part of the counter of the generator, so that different uses never share random numbers. The upper
 // bits differ from those of the host's initialisation, which uses the same seed.
-enum { kDrawRelocate = 0x55000001, kDrawGrow, kDrawNoise };
+enum { kDrawRelocate = 0x55000001, kDrawGrow, kDrawNoise, kDrawRelocatedPlace, kDrawGrownPlace };
+
+// The value that replaces the index of a source for a splat that is not a copy.
+#define UBS_NO_SOURCE 0xffffffffu
 
 // Images are planar (channel, row, column). The row pitch and the number of rows are the size of the image rounded up
 // to whole tiles. Elements outside width x height are undefined.

@@ -19,6 +19,10 @@ constexpr double kOpacityBound = 3.6e-6;
 // error was 8.5e-6.
 constexpr double kNoiseBound = 1.7e-5;
 
+// Bound for the other parameters of copies. The largest error in tests/stages/mcmc_test.cpp was 1.8e-7, but
+// the same errors of 3 ulp as for opacities are allowed.
+constexpr double kCopyBound = 3.6e-6;
+
 class PopulationOnDevice {
  public:
   PopulationOnDevice(Device& device, const Population& population)
@@ -134,12 +138,43 @@ Finding check_noise(Device& device, Stages& stages, const FormVectors& e) {
   return worst.finding();
 }
 
+Finding check_places(Device& device, Stages& stages, const FormVectors& e) {
+  const SplatModel& model = e.problem.model;
+  const DeviceModel on(device, model);
+  const std::vector<std::uint32_t> ones(model.count, 1);
+  Buffer<std::uint32_t> counts(device, "copies", ones.size());
+  counts.upload(ones);
+  Buffer<float> moment1(device, "first moments", on.params().size()),
+      moment2(device, "second moments", on.params().size());
+  stages.split_sources({on.view(), counts.view(), moment1.view(), moment2.view(), kCopySpread});
+  stages.place_copies({.splats = on.view(),
+                       .slots = on.count(),
+                       .sources = counts.view(),
+                       .spread = kCopySpread,
+                       .purpose = kDrawGrow,
+                       .seed = kDrawSeed,
+                       .iteration = kDrawIteration});
+  const SplatModel after = on.download();
+  WorstFinding worst("places and sizes of copies");
+  for (int r = 0; r < model.layout().count; ++r)
+    for (std::size_t i = 0; i < model.count; ++i) {
+      const std::size_t at = static_cast<std::size_t>(r) * model.count + i;
+      const double error = std::abs(after.row(r)[i] - e.copies[at]);
+      if (r < 3)
+        worst.add("position", error / (1 + 3 * e.copy_size[at]), kNoiseBound);
+      else
+        worst.add("parameter", error / (1 + std::abs(e.copies[at])), kCopyBound);
+    }
+  return worst.finding();
+}
+
 }  // namespace
 
 Findings check_population(Device& device, Stages& stages, const FormVectors& e) {
   const ParameterLayout layout(stages.config().dim, stages.config().variant);
   return {check_relocation(device, stages, layout), check_growth(device, stages, layout),
-          check_draw(device, stages, layout), check_noise(device, stages, e)};
+          check_draw(device, stages, layout), check_noise(device, stages, e),
+          check_places(device, stages, e)};
 }
 
 }  // namespace ubs::check

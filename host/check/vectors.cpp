@@ -114,6 +114,8 @@ void pass_form(Stream& s, FormVectors& f, const Form& form) {
   s.template array<float>(f.penalties, 4 * kSplats);
   s.template array<float>(f.displacement, 3 * kSplats);
   s.template array<float>(f.displacement_size, 3 * kSplats);
+  s.template array<float>(f.copies, rows * kSplats);
+  s.template array<float>(f.copy_size, 3 * kSplats);
 }
 
 template <class Stream>

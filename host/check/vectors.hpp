@@ -20,6 +20,7 @@ inline constexpr int kWidth = 31, kHeight = 27;
 inline constexpr float kTarget = 0.5f;  // value of all pixels of the target image
 inline constexpr std::uint64_t kDrawSeed = 123456789012345u, kDrawIteration = 900;
 inline constexpr double kNoiseAmount = 0.5;
+inline constexpr float kCopySpread = 0.5;
 inline constexpr float kNoiseOpacity = -5;  // added to the raw opacities, so that noise affects all splats
 inline constexpr float kOpacityWeight = 5, kScaleWeight = 7, kRate = 1e-3f;
 inline constexpr std::uint64_t kAdamStep = 3;  // both bias corrections have an effect
@@ -37,6 +38,9 @@ struct FormVectors {
   // Displacement of the positions by noise (3, count). It is a sum; displacement_size contains the magnitude
   // of its terms, which determines the rounding error (3, count).
   std::vector<double> displacement, displacement_size;
+  // Raw parameters of a displaced copy of each splat (parameters, count), and the magnitude of the terms of
+  // the displacement (3, count).
+  std::vector<double> copies, copy_size;
 };
 
 struct LossValues {

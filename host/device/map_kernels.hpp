@@ -61,12 +61,16 @@ using McmcDrawKernel = void(const u64* prefix, const u32* weights, u32 count, u3
                             u32 seed0, u32 seed1, u32 iteration0, u32 iteration1, u32* sources, u32* copies,
                             u32* totals);
 inline constexpr Declared<McmcDrawKernel> kMcmcDraw{"mcmc_draw"};
-using McmcSourcesKernel = void(float* params, u32 count, u32 stride, const u32* copies, float* moment1,
-                               float* moment2);
+using McmcSourcesKernel = void(float* params, u32 count, u32 stride, const u32* copies, float spread,
+                               float* moment1, float* moment2);
 inline constexpr Declared<McmcSourcesKernel> kMcmcSources{"mcmc_sources"};
 using McmcCopiesKernel = void(float* params, u32 stride, u32 first, u32 slots, const u32* sources,
                               float* moment1, float* moment2);
 inline constexpr Declared<McmcCopiesKernel> kMcmcCopies{"mcmc_copies"};
+using McmcPlacesKernel = void(float* params, u32 stride, u32 first, u32 slots, const u32* sources,
+                              float spread, u32 purpose, u32 seed0, u32 seed1, u32 iteration0, u32 iteration1,
+                              u32 first_number);
+inline constexpr Declared<McmcPlacesKernel> kMcmcPlaces{"mcmc_places"};
 
 using FitListsKernel = void(const u64* totals, u64 drawn_room, u64 pairs_room, u32 count, u32 items,
                             u32* tile_counts, u32* drawn, u32* pairs);

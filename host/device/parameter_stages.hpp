@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // ParameterStages runs the stages that train the parameters: Regularise, AdamStep, Relocate, Grow, AddNoise,
-// SamplingWeights and SplitSources. Only Relocate waits for the device, because it returns the number of
-// splats that it has moved. All other decisions are made on the device.
+// SamplingWeights, SplitSources and PlaceCopies. Only Relocate waits for the device, because it returns the
+// number of splats that it has moved. All other decisions are made on the device.
 #pragma once
 
 #include <utility>
@@ -51,7 +51,7 @@ class ParameterStages {
     check_view(a.splats, rows_);
     const u32 count = a.splats.count;
     if (count == 0) return 0;
-    replace(a.splats, a.moment1, a.moment2, {0, count, kDrawRelocate, true, a.seed, a.iteration});
+    replace(a.splats, a.moment1, a.moment2, {0, count, kDrawRelocate, true, a.spread, a.seed, a.iteration});
     u32 moved = 0;
     totals_.download(std::span(&moved, 1));
     return moved;
@@ -63,7 +63,8 @@ class ParameterStages {
     if (count == 0) fail(ErrorKind::internal, "cannot grow from 0 splats to {}", a.target);
     if (a.target > a.splats.stride)
       fail(ErrorKind::internal, "cannot grow to {} splats with a capacity of {}", a.target, a.splats.stride);
-    replace(a.splats, a.moment1, a.moment2, {count, a.target - count, kDrawGrow, false, a.seed, a.iteration});
+    replace(a.splats, a.moment1, a.moment2,
+            {count, a.target - count, kDrawGrow, false, a.spread, a.seed, a.iteration});
   }
   void run(const SamplingWeights& a) {
     check_view(a.splats, rows_);
@@ -73,7 +74,15 @@ class ParameterStages {
   void run(const SplitSources& a) {
     check_view(a.splats, rows_);
     draws_.launch_each(kMcmcSources, a.splats.count, 1, a.splats.params, a.splats.count, a.splats.stride,
-                       a.copy_counts, a.moment1, a.moment2);
+                       a.copy_counts, a.spread, a.moment1, a.moment2);
+  }
+  void run(const PlaceCopies& a) {
+    check_view(a.splats, rows_);
+    if (a.spread == 0 || a.slots == 0) return;
+    const u32 purpose = a.purpose == kDrawRelocate ? kDrawRelocatedPlace : kDrawGrownPlace;
+    draws_.launch_each(kMcmcPlaces, a.slots, 1, a.splats.params, a.splats.stride, a.first, a.slots, a.sources,
+                       a.spread, purpose, low_word(a.seed), high_word(a.seed), low_word(a.iteration),
+                       high_word(a.iteration), a.first_number);
   }
   void run(const AddNoise& a) {
     check_view(a.splats, rows_);
@@ -88,12 +97,14 @@ class ParameterStages {
   struct Draw {
     u32 first, slots, purpose;
     bool alive_only;
+    float spread;
     std::uint64_t seed, iteration;
   };
   static u32 low_word(std::uint64_t value) { return static_cast<u32>(value); }
   static u32 high_word(std::uint64_t value) { return static_cast<u32>(value >> 32); }
 
-  // Chooses random splats, copies them to the splats of `draw`, and adjusts their opacities and moments.
+  // Chooses random splats, copies them to the splats of `draw`, and adjusts their opacities, moments, sizes
+  // and places.
   void replace(const SplatView& splats, BufferView<float> moment1, BufferView<float> moment2,
                const Draw& draw) {
     reserve(device_, weights_, "mcmc weights", splats.count);
@@ -108,9 +119,11 @@ class ParameterStages {
                        draw.alive_only ? weights_.view() : BufferView<u32>{}, splats.count, draw.slots,
                        draw.purpose, low_word(draw.seed), high_word(draw.seed), low_word(draw.iteration),
                        high_word(draw.iteration), source_ids_.view(), copy_counts_.view(), totals_.view());
-    run(SplitSources{splats, copy_counts_.view(), moment1, moment2});
+    run(SplitSources{splats, copy_counts_.view(), moment1, moment2, draw.spread});
     draws_.launch_each(kMcmcCopies, draw.slots, 1, splats.params, splats.stride, draw.first, draw.slots,
                        source_ids_.view(), moment1, moment2);
+    run(PlaceCopies{splats, draw.first, draw.slots, source_ids_.view(), draw.spread, draw.purpose, draw.seed,
+                    draw.iteration});
   }
 
   Device& device_;

@@ -376,6 +376,7 @@ struct Relocate {
   SplatView splats;
   BufferView<float> moment1, moment2;
   std::uint64_t seed = 0, iteration = 0;
+  float spread = 0;  // the setting copy_spread; 0: copies are equal to their sources
 };
 
 // Adds the splats count to target - 1 as copies of other splats (docs/method.md, section 4.3, step 2).
@@ -384,6 +385,7 @@ struct Grow {
   std::uint32_t target = 0;
   BufferView<float> moment1, moment2;
   std::uint64_t seed = 0, iteration = 0;
+  float spread = 0;  // as in Relocate
 };
 
 // Adds noise to the positions of the splats (docs/method.md, section 4.3, step 3).
@@ -394,9 +396,9 @@ struct AddNoise {
   std::uint32_t first = 0;  // index in the whole model of the first splat; the random numbers depend on it
 };
 
-// SamplingWeights and SplitSources are the parts of relocation and growth that run on the device if several
-// processes share the splats. The other parts, which choose the splats to copy (sources) and copy them, are
-// in host/train/shared_splats.cpp.
+// SamplingWeights, SplitSources and PlaceCopies are the parts of relocation and growth that run on the device
+// if several processes share the splats. The other parts, which choose the splats to copy (sources) and copy
+// them, are in host/train/shared_splats.cpp.
 
 // Computes integer weights that are proportional to the probability with which a splat is chosen as a source
 // (docs/method.md, section 4.3).
@@ -405,11 +407,23 @@ struct SamplingWeights {
   bool alive_only = false;                         // dead splats get the weight 0
   BufferView<std::uint32_t> weights, copy_counts;  // out (count): the weights, and zeros in copy_counts
 };
-// Divides the opacity of each source between the source and its copies, and resets the moments of the source.
+// Divides the opacity of each source between the source and its copies, reduces its size if `spread` is not
+// 0, and resets its moments.
 struct SplitSources {
   SplatView splats;
   BufferView<std::uint32_t> copy_counts;
   BufferView<float> moment1, moment2;
+  float spread = 0;
+};
+// Displaces copies by random vectors.
+struct PlaceCopies {
+  SplatView splats;
+  std::uint32_t first = 0, slots = 0;  // the splats first to first + slots - 1
+  BufferView<std::uint32_t> sources;   // (slots): UBS_NO_SOURCE for a splat that is not a copy
+  float spread = 0;
+  std::uint32_t purpose = 0;  // kDrawRelocate or kDrawGrow
+  std::uint64_t seed = 0, iteration = 0;
+  std::uint32_t first_number = 0;  // number of the first slot; the random numbers depend on it
 };
 
 // The next four operations convert gradients with respect to alpha and depth into gradients with respect to
@@ -489,9 +503,9 @@ struct SpreadGradient {
 using Operation =
     std::variant<ProjectForward, CountLists, BuildLists, RasterForward, ImageLoss, RasterBackward, SumSlots,
                  ProjectBackward, Regularise, AdamStep, Learn, Relocate, Grow, AddNoise, MeasureWeights,
-                 CameraBackward, AppearanceStep, SamplingWeights, SplitSources, DrawSky, SkyGradient, SkyStep,
-                 AlphaToColours, DepthToRecords, DepthToImage, DepthFromRecords, PlaceDrawn, PickDrawn,
-                 UnpackDrawn, SpreadGradient>;
+                 CameraBackward, AppearanceStep, SamplingWeights, SplitSources, PlaceCopies, DrawSky,
+                 SkyGradient, SkyStep, AlphaToColours, DepthToRecords, DepthToImage, DepthFromRecords,
+                 PlaceDrawn, PickDrawn, UnpackDrawn, SpreadGradient>;
 
 // Names of the operations, in the order of the types of Operation.
 inline constexpr std::array<const char*, std::variant_size_v<Operation>> kOperationNames{"project_forward",
@@ -513,6 +527,7 @@ inline constexpr std::array<const char*, std::variant_size_v<Operation>> kOperat
                                                                                          "appearance_step",
                                                                                          "sampling_weights",
                                                                                          "split_sources",
+                                                                                         "place_copies",
                                                                                          "draw_sky",
                                                                                          "sky_gradient",
                                                                                          "sky_step",
@@ -588,6 +603,7 @@ class Stages {
   void appearance_step(const AppearanceStep& a) { run(a); }
   void sampling_weights(const SamplingWeights& a) { run(a); }
   void split_sources(const SplitSources& a) { run(a); }
+  void place_copies(const PlaceCopies& a) { run(a); }
   void draw_sky(const DrawSky& a) { run(a); }
   void sky_gradient(const SkyGradient& a) { run(a); }
   void sky_step(const SkyStep& a) { run(a); }

@@ -63,6 +63,9 @@ constexpr double kGrowth = 1.02, kRateOfPositions = 1.6e-4, kNoise = 1e6, kOpaci
 // whose depth is about 4 units, so it corresponds to 4^2 * 1e6 if the unit is the depth. The schedule fast
 // uses 1e6, which gave 0.2 dB more on lego_200 (two seeds).
 constexpr double kNoiseOfDepth = 1.6e7;
+// Of 0.25, 0.35, 0.5 and 0.7, the mean PSNR of four moving scenes was highest with 0.35
+// (docs/results/2026-12-01-copies.md).
+constexpr double kCopySpread = 0.35;
 
 // A refinement takes as long as an Adam step and resets the moments of the splats that it moves. Therefore
 // fast runs refine every 100 iterations, as published, and do not scale this interval with the length of the
@@ -355,6 +358,15 @@ const Field<S> kTrainingFields[] = {
      "share of the work after which no splats are added. A run with --budget reduces and records it if its "
      "time is too short for more splats",
      &S::growth_end, 0, 1},
+    decided(
+        0,
+        {"copy_spread",
+         "random displacement of a copy when splats are relocated and added, in units of its scales; the "
+         "copy and its source become smaller by 1 / sqrt(1 + copy_spread^2). 0: copies are equal to their "
+         "sources, as published; auto: 0.35 with the schedule fast, but 0 if the shape of splats is frozen; "
+         "otherwise 0",
+         &S::copy_spread, 0, 10},
+        [](S& s, const S&, const Facts&) { s.copy_spread = fast(s) && !freezes_shape(s) ? kCopySpread : 0; }),
     decided(0,
             {"noise_lr",
              "factor of the random noise that is added to positions; auto: 1 for dynamic scenes, 1e6 for "

@@ -116,7 +116,10 @@ Settled settle(const TrainSettings& asked, const Facts& facts) {
   return {Plan(s), notes_about(asked, s, facts), warnings_about(s, facts)};
 }
 
-Plan settle(const TrainSettings& asked) { return settle(asked, Facts{}).plan; }
+Plan settle(const TrainSettings& asked) {
+  static const Facts nothing;  // GCC 12 warns about uninitialised members if this is a temporary object
+  return settle(asked, nothing).plan;
+}
 
 int points_to_find(const TrainSettings& asked, bool moves) {
   // Number of points that are searched for per second of a budget

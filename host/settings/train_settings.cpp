@@ -19,6 +19,11 @@ constexpr double kLeastBudget = 0.5;   // [s]; measuring steps and kMinIteration
 
 }  // namespace
 
+bool freezes_shape(const TrainSettings& s) {
+  const std::uint32_t frozen = frozen_groups(ParameterLayout(s.dim, s.variant), s.freeze);
+  return is_frozen(frozen, "scale") || is_frozen(frozen, "l_triangle");
+}
+
 // Throws Error(usage) if refinements would change a frozen group: relocation moves splats and reduces the
 // opacity of the splats that it copies. The other groups are copied without changes.
 void check_freeze(const TrainSettings& s) {
@@ -28,6 +33,10 @@ void check_freeze(const TrainSettings& s) {
       fail(ErrorKind::usage,
            "freeze = '{}': relocation and growth would change {}: disable them with refine = 0:0:1", s.freeze,
            group);
+  if (s.copy_spread > 0 && freezes_shape(s) && (s.refine == kAutoRange || !s.refine.empty()))
+    fail(ErrorKind::usage,
+         "freeze = '{}': relocation and growth would change the shape of splats: set copy_spread = 0",
+         s.freeze);
 }
 
 Planes planes_of(const TrainSettings& s) {

@@ -76,7 +76,8 @@ struct TrainSettings : ReadSettings {
   BatchRates lr_batch{};    // whether learning rates are multiplied by the square root of `batch`
   double growth = kAuto;    // ratio of the numbers of splats after and before a refinement
   double growth_end = 1;    // share of the work after which no splats are added
-  double noise_lr = kAuto;  // factor of the position noise (method.md 4.3)
+  double copy_spread = kAuto;  // displacement of copies, relative to their size (method.md 4.3)
+  double noise_lr = kAuto;     // factor of the position noise (method.md 4.3)
 
   // Loss
   double lambda_dssim = 0.2;
@@ -148,6 +149,9 @@ Planes planes_of(const TrainSettings& settings);
 
 // Throws Error(usage) if the settings are invalid in a way that the ranges of the fields do not express.
 void validate(const TrainSettings& settings);
+
+// Returns whether the size, the rotation or the other entries of L are not trained (setting freeze).
+bool freezes_shape(const TrainSettings& s);
 
 // Returns the time that `budget` allows, in seconds, or 0 if there is no limit. Throws Error(usage) if the
 // text is not a time.

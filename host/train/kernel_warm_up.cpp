@@ -114,7 +114,10 @@ void KernelWarmUp::learn(Stages& stages) {
     stages.adam(step);
   }
   if (!refines) return;
-  stages.relocate({.splats = model_.view(), .moment1 = moment1_.view(), .moment2 = moment2_.view()});
+  stages.relocate({.splats = model_.view(),
+                   .moment1 = moment1_.view(),
+                   .moment2 = moment2_.view(),
+                   .spread = static_cast<float>(settings_.copy_spread)});
   if (settings_.growth > 1 && settings_.cap_max > static_cast<int>(model_.count()))
     stages.grow({.splats = model_.view(),
                  .target = model_.count() + 1,

@@ -105,20 +105,20 @@ std::vector<std::uint32_t> SharedSplats::weigh(bool alive_only) {
   return weights;
 }
 
-std::uint32_t SharedSplats::relocate(std::uint64_t seed, std::uint64_t iteration) {
+std::uint32_t SharedSplats::relocate(float spread, std::uint64_t seed, std::uint64_t iteration) {
   const std::vector<std::uint32_t> weights = weigh(true);
   std::vector<Slot> dead;
   for (std::uint32_t i = 0; i < weights.size(); ++i)
     if (weights[i] == 0) dead.push_back({i, share().first + i});
-  return replace({kDrawRelocate, true, seed, iteration}, weights, dead);
+  return replace({kDrawRelocate, true, spread, seed, iteration}, weights, dead);
 }
 
-void SharedSplats::grow(std::uint32_t target, std::uint64_t seed, std::uint64_t iteration) {
+void SharedSplats::grow(std::uint32_t target, float spread, std::uint64_t seed, std::uint64_t iteration) {
   move_parts(target);
   const Share now = share_of(target, ranks_.size(), ranks_.rank());
   std::vector<Slot> slots;
   for (std::uint32_t i = model_.count(); i < now.count; ++i) slots.push_back({i, now.first + i - total_});
-  replace({kDrawGrow, false, seed, iteration}, weigh(false), slots);
+  replace({kDrawGrow, false, spread, seed, iteration}, weigh(false), slots);
   model_.set_count(now.count);
   total_ = target;
 }
@@ -155,15 +155,16 @@ std::uint32_t SharedSplats::replace(const Draw& draw, const std::vector<std::uin
     owners.push_back(static_cast<std::size_t>(std::ranges::upper_bound(ends, ticket) - ends.begin()));
     tickets[owners.back()].push_back(ticket - (owners.back() > 0 ? ends[owners.back() - 1] : 0));
   }
-  fill(slots, owners, answer(exchange_values(ranks_, tickets), weights));
+  fill(slots, owners, answer(draw.spread, exchange_values(ranks_, tickets), weights));
+  place(draw, slots);
   std::uint64_t drawn = slots.size();
   ranks_.sum(std::span(&drawn, 1));
   return static_cast<std::uint32_t>(drawn);
 }
 
-// Reduces the opacity of the sources on this rank that were drawn, and sends the parameters of each of them,
-// as a column, to the rank that drew it. Returns the columns that this rank receives.
-std::vector<Bytes> SharedSplats::answer(const std::vector<Bytes>& tickets,
+// Reduces the opacity and the size of the sources on this rank that were drawn, and sends the parameters of
+// each of them, as a column, to the rank that drew it. Returns the columns that this rank receives.
+std::vector<Bytes> SharedSplats::answer(float spread, const std::vector<Bytes>& tickets,
                                         const std::vector<std::uint32_t>& weights) {
   std::vector<std::uint64_t> ends(weights.begin(), weights.end());
   std::partial_sum(ends.begin(), ends.end(), ends.begin());
@@ -181,7 +182,7 @@ std::vector<Bytes> SharedSplats::answer(const std::vector<Bytes>& tickets,
   std::vector<std::vector<float>> columns(sources.size());
   if (any) {
     copy_counts_.upload(copies);
-    stages_.split_sources({model_.view(), copy_counts_.view(), parts_[1]->view(), parts_[2]->view()});
+    stages_.split_sources({model_.view(), copy_counts_.view(), parts_[1]->view(), parts_[2]->view(), spread});
     for (std::size_t r = 0; r < rows_of(*parts_[0]); ++r) {
       const std::vector<float> values = row(*parts_[0], r, model_.count());
       for (std::size_t to = 0; to < sources.size(); ++to)
@@ -209,6 +210,23 @@ void SharedSplats::fill(std::span<const Slot> slots, std::span<const std::size_t
         values[slots[i].place] = p == 0 ? as_values<float>(columns[owners[i]])[next[owners[i]]++] : 0.0f;
       parts_[p]->upload(values, r * model_.stride());
     }
+}
+
+void SharedSplats::place(const Draw& draw, std::span<const Slot> slots) {
+  if (draw.spread == 0 || slots.empty()) return;
+  const Slot first = slots.front();
+  std::vector<std::uint32_t> sources(slots.back().place - first.place + 1, UBS_NO_SOURCE);
+  for (const Slot& slot : slots) sources[slot.place - first.place] = 0;  // which source it was has no effect
+  weights_.upload(sources);
+  stages_.place_copies({.splats = model_.view(),
+                        .first = first.place,
+                        .slots = static_cast<std::uint32_t>(sources.size()),
+                        .sources = weights_.view(),
+                        .spread = draw.spread,
+                        .purpose = draw.purpose,
+                        .seed = draw.seed,
+                        .iteration = draw.iteration,
+                        .first_number = first.number});
 }
 
 // Moves the existing splats between ranks, so that they are distributed as required for a total of `target`

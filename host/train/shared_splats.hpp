@@ -22,9 +22,9 @@ class SharedSplats final : public TrainedSplats {
 
   std::uint32_t total() const override { return total_; }
   std::uint32_t first() const override { return share().first; }
-  std::uint32_t relocate(std::uint64_t seed, std::uint64_t iteration) override;
+  std::uint32_t relocate(float spread, std::uint64_t seed, std::uint64_t iteration) override;
   // Adds splats and redistributes all splats over the ranks.
-  void grow(std::uint32_t target, std::uint64_t seed, std::uint64_t iteration) override;
+  void grow(std::uint32_t target, float spread, std::uint64_t seed, std::uint64_t iteration) override;
   SplatModel download() const override;
   void save(TrainState& state, bool everywhere) const override;
   void load(const TrainState& state) override;
@@ -34,6 +34,7 @@ class SharedSplats final : public TrainedSplats {
   struct Draw {
     std::uint32_t purpose;
     bool alive_only;
+    float spread;
     std::uint64_t seed, iteration;
   };
   // Slot is a place for a copy of a source splat.
@@ -50,9 +51,12 @@ class SharedSplats final : public TrainedSplats {
   std::uint32_t replace(const Draw& draw, const std::vector<std::uint32_t>& weights,
                         std::span<const Slot> slots);
   std::vector<std::uint32_t> weigh(bool alive_only);
-  std::vector<Bytes> answer(const std::vector<Bytes>& tickets, const std::vector<std::uint32_t>& weights);
+  std::vector<Bytes> answer(float spread, const std::vector<Bytes>& tickets,
+                            const std::vector<std::uint32_t>& weights);
   void fill(std::span<const Slot> slots, std::span<const std::size_t> owners,
             const std::vector<Bytes>& columns);
+  // Displaces the copies in the slots, whose places are in ascending order.
+  void place(const Draw& draw, std::span<const Slot> slots);
   void move_parts(std::uint32_t target);
   std::size_t rows_of(const Buffer<float>& part) const { return part.size() / model_.stride(); }
   std::vector<float> row(const Buffer<float>& part, std::size_t row, std::uint32_t count) const;

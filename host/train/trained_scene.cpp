@@ -117,10 +117,11 @@ void TrainedScene::upload_next(int iteration) {
 
 bool TrainedScene::refine(int iteration) {
   const auto number = static_cast<std::uint64_t>(iteration);
-  const std::uint32_t moved = splats_->relocate(settings().seed, number);
+  const auto spread = static_cast<float>(settings().copy_spread);
+  const std::uint32_t moved = splats_->relocate(spread, settings().seed, number);
   const std::uint32_t grown = schedule_.grown(splats(), iteration);
   const bool grows = grown > splats();
-  if (grows) splats_->grow(grown, settings().seed, number);
+  if (grows) splats_->grow(grown, spread, settings().seed, number);
   if (settings().noise_lr > 0 && !is_frozen(stages_->config().frozen, "xyz"))
     stages_->add_noise({.splats = splats_->view(),
                         .amount = schedule_.noise(iteration),

@@ -43,18 +43,23 @@ TrainedSplats::TrainedSplats(Device& device, Stages& stages, const SplatModel& i
   }
 }
 
-std::uint32_t TrainedSplats::relocate(std::uint64_t seed, std::uint64_t iteration) {
-  return stages_.relocate(
-      {.splats = view(), .moment1 = moment1(), .moment2 = moment2(), .seed = seed, .iteration = iteration});
+std::uint32_t TrainedSplats::relocate(float spread, std::uint64_t seed, std::uint64_t iteration) {
+  return stages_.relocate({.splats = view(),
+                           .moment1 = moment1(),
+                           .moment2 = moment2(),
+                           .seed = seed,
+                           .iteration = iteration,
+                           .spread = spread});
 }
 
-void TrainedSplats::grow(std::uint32_t target, std::uint64_t seed, std::uint64_t iteration) {
+void TrainedSplats::grow(std::uint32_t target, float spread, std::uint64_t seed, std::uint64_t iteration) {
   stages_.grow({.splats = view(),
                 .target = target,
                 .moment1 = moment1(),
                 .moment2 = moment2(),
                 .seed = seed,
-                .iteration = iteration});
+                .iteration = iteration,
+                .spread = spread});
   model_.set_count(target);
 }
 

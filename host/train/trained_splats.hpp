@@ -33,10 +33,11 @@ class TrainedSplats {
   virtual std::uint32_t total() const { return model_.count(); }  // number of splats of all ranks
   virtual std::uint32_t first() const { return 0; }  // number of splats of the ranks before this one
 
-  // Relocates dead splats to the positions of live ones. Returns the number of relocated splats of all ranks.
-  virtual std::uint32_t relocate(std::uint64_t seed, std::uint64_t iteration);
+  // Relocates dead splats to the positions of live ones; `spread` is the setting copy_spread. Returns the
+  // number of relocated splats of all ranks.
+  virtual std::uint32_t relocate(float spread, std::uint64_t seed, std::uint64_t iteration);
   // Adds copies of splats until there are `target` in total.
-  virtual void grow(std::uint32_t target, std::uint64_t seed, std::uint64_t iteration);
+  virtual void grow(std::uint32_t target, float spread, std::uint64_t seed, std::uint64_t iteration);
 
   // Returns all splats on the first rank, and an empty model on the other ranks.
   virtual SplatModel download() const { return model_.download(); }

@@ -4,7 +4,7 @@
 // count the copies of each source with integer atomics, whose result does not depend on the order. They are compiled
 // with UBS_VW = 1, because copies read from arbitrary splats, and because relocations are rare. The kernels run in this
 // order:
-//   mcmc_weights, prefix sums of the weights, mcmc_draw, mcmc_sources, mcmc_copies
+//   mcmc_weights, prefix sums of the weights, mcmc_draw, mcmc_sources, mcmc_copies, mcmc_places
 
 // Computes the weight with which each splat is drawn as a source. If alive_only is 1, dead splats get the weight 0, so
 // that relocation samples only live splats and recognises the dead ones.
@@ -53,14 +53,29 @@ UBS_KERNEL void mcmc_draw(UBS_GLOBAL const ulong* prefix, UBS_GLOBAL const uint*
   ubs_count(totals);
 }
 
+// Multiplies the spatial size of the splat whose parameters start at p by `shrink`. How fast it moves with the query
+// does not change.
+UBS_FN void shrink_splat(UBS_GLOBAL real* p, size_t stride, real shrink) {
+  for (int c = 0; c < 3; ++c) {
+    UBS_GLOBAL real* scale = p + (kRowScale + c) * stride;
+    *scale = copy_raw_scale(*scale, shrink);
+  }
+  // With cholesky, these are the other entries of M.
+  for (int m = 0; m < (UBS_COV_PARAM == UBS_COV_CHOLESKY ? kFrameRots : 0); ++m) p[frame_row(m) * stride] *= shrink;
+  // Otherwise, the motion is proportional to the size and to these entries of L (Lqx, or Theta of direct.h).
+  for (int q = 0; q < (UBS_COV_PARAM == UBS_COV_SKEW_ND ? 0 : UBS_C); ++q)
+    for (int c = 0; c < 3; ++c) p[(kRowL + UBS_TRIANGLE(3 + q, c)) * stride] *= R(1.0) / shrink;
+}
+
 // Reduces the opacity of each source, because its copies take over a part of its effect, and resets the moments of the
-// source.
+// source. If `spread` is not 0, its size is reduced as well.
 UBS_KERNEL void mcmc_sources(UBS_GLOBAL real* params, uint count, uint stride, UBS_GLOBAL const uint* copies,
-                             UBS_GLOBAL real* moment1, UBS_GLOBAL real* moment2) {
+                             real spread, UBS_GLOBAL real* moment1, UBS_GLOBAL real* moment2) {
   uint i = UBS_GLOBAL_ID(0);
   if (i >= count || copies[i] == 0) return;
   size_t opacity = (size_t)kRowOpacity * stride + i;
   params[opacity] = split_raw_opacity(params[opacity], (real)copies[i] + R(1.0));
+  if (spread != R(0.0)) shrink_splat(params + i, stride, copy_shrink(spread));
   for (uint row = 0; row < kTrainedRows; ++row) {
     moment1[(size_t)row * stride + i] = R(0.0);
     moment2[(size_t)row * stride + i] = R(0.0);
@@ -83,4 +98,26 @@ UBS_KERNEL void mcmc_copies(UBS_GLOBAL real* params, uint stride, uint first, ui
     moment1[(size_t)row * stride + first + i] = R(0.0);
     moment2[(size_t)row * stride + first + i] = R(0.0);
   }
+}
+
+// Displaces the copies in the slots first, first + 1, ... by random vectors (copy_displacement() of math/mcmc.h). The
+// random numbers of slot first + i depend on first_number + i.
+UBS_KERNEL void mcmc_places(UBS_GLOBAL real* params, uint stride, uint first, uint slots,
+                            UBS_GLOBAL const uint* sources, real spread, uint purpose, uint seed0, uint seed1,
+                            uint iteration0, uint iteration1, uint first_number) {
+  uint i = UBS_GLOBAL_ID(0);
+  if (i >= slots || sources[i] == UBS_NO_SOURCE) return;
+  UBS_GLOBAL real* p = params + first + i;
+  size_t n = stride;
+  FrameRaw raw;
+  for (int m = 0; m < kFrameRots; ++m) raw.rotation[m] = p[frame_row(m) * n];
+  for (int c = 0; c < UBS_F; ++c) raw.scale[c] = p[(kRowScale + c) * n];
+  RandomNormals random =
+      random_normals(random_words(seed0, seed1, iteration0, iteration1, purpose, first_number + i));
+  Vec3 normals;
+  normals.e[0] = random.x;
+  normals.e[1] = random.y;
+  normals.e[2] = random.z;
+  Vec3 d = copy_displacement(spatial_frame(raw), normals, spread);
+  for (int k = 0; k < 3; ++k) p[(kRowXyz + k) * n] += d.e[k];
 }

@@ -14,8 +14,11 @@
 #define UBS_RAW_OPACITY_MIN R(-5.2933048247244923)
 #define UBS_RAW_OPACITY_MAX R(15.942385033669446)
 
-// The value that replaces the index of a source for a slot that receives no copy.
-#define UBS_NO_SOURCE 0xffffffffu
+UBS_FN Vec3 finite_or_zero(Vec3 v) {
+  vmask finite = ubs_finite(v.e[0]) & ubs_finite(v.e[1]) & ubs_finite(v.e[2]);
+  for (int r = 0; r < 3; ++r) v.e[r] = finite ? v.e[r] : V(0.0);
+  return v;
+}
 
 // Returns the weight of a splat for sampling. Weights are integers, o * 2^24 rounded to the nearest, so that their sum
 // is exact and independent of the order. NaN gives weight 0.
@@ -30,15 +33,39 @@ UBS_FN vreal sampling_weight_alive(vreal raw_opacity) {
   return ubs_sigmoid(raw_opacity) > (vreal)(UBS_OPACITY_DEAD) ? sampling_weight(raw_opacity) : V(0.0);
 }
 
+// Returns softplus^-1(q) = ln(e^q - 1) for q > 0. It is computed as q + ln(1 - e^-q), because this is accurate for
+// small and for large q.
+UBS_FN vreal softplus_inverse(vreal q) { return q + ubs_log(-ubs_expm1(-q)); }
+
 // Returns the new raw opacity of a source and of its copies. `parts` is the number of copies plus 1. Together, these
 // splats absorb as much as the source did before: (1 - o')^parts = 1 - o. Since -ln(1 - o) = softplus(raw), this means
-// softplus(raw') = q with q = softplus(raw) / parts. So raw' = ln(e^q - 1), which is computed as q + ln(1 - e^-q),
-// because this is accurate for small and for large q. For NaN the result is the lower bound.
+// softplus(raw') = q with q = softplus(raw) / parts. For NaN the result is the lower bound.
 UBS_FN vreal split_raw_opacity(vreal raw_opacity, vreal parts) {
   vreal q = ubs_softplus(raw_opacity) / parts;
-  vreal raw = q + ubs_log(-ubs_expm1(-q));
+  vreal raw = softplus_inverse(q);
   raw = raw < (vreal)(UBS_RAW_OPACITY_MAX) ? raw : (vreal)(UBS_RAW_OPACITY_MAX);
   return ((raw > (vreal)(UBS_RAW_OPACITY_MIN)) & (q >= V(0.0))) ? raw : (vreal)(UBS_RAW_OPACITY_MIN);
+}
+
+// Returns the factor f by which a copy and its source become smaller if the copy is displaced by spread f M n, where n
+// is a vector of normal numbers and M the factor of the source before. Over the draws of n, the covariance of the copy
+// about the place of its source is f^2 M M^T + spread^2 f^2 M M^T, and f makes it equal to M M^T.
+UBS_FN vreal copy_shrink(vreal spread) { return V(1.0) / ubs_sqrt(V(1.0) + spread * spread); }
+
+// Returns the raw spatial scale of a copy and of its source. If the result is not finite, the scale is not changed.
+UBS_FN vreal copy_raw_scale(vreal raw, vreal shrink) {
+  vreal out = softplus_inverse(shrink * ubs_softplus(raw));
+  return ubs_finite(out) ? out : raw;
+}
+
+// Returns the displacement of a copy, spread M normals, or zero if it is not finite. `frame` is that of the copy. With
+// skew_nd, only the spatial columns of M are used, because the others contain the motion of the splat.
+UBS_FN Vec3 copy_displacement(SpatialFrame frame, Vec3 normals, vreal spread) {
+  Vec3 out;
+  for (int r = 0; r < 3; ++r)
+    out.e[r] = spread * (frame.m.e[r][0] * normals.e[0] + frame.m.e[r][1] * normals.e[1] +
+                         frame.m.e[r][2] * normals.e[2]);
+  return finite_or_zero(out);
 }
 
 // Returns (1 - o)^100 by repeated squaring. 1 - o is computed as sigmoid(-raw), which is accurate near o = 1.
@@ -65,7 +92,5 @@ UBS_FN Vec3 noise_displacement(SpatialFrame frame, vreal raw_opacity, Vec3 norma
     out.e[r] = frame.m.e[r][0] * turned.e[0];
     for (int c = 1; c < UBS_F; ++c) out.e[r] += frame.m.e[r][c] * turned.e[c];
   }
-  vmask finite = ubs_finite(out.e[0]) & ubs_finite(out.e[1]) & ubs_finite(out.e[2]);
-  for (int r = 0; r < 3; ++r) out.e[r] = finite ? out.e[r] : V(0.0);
-  return out;
+  return finite_or_zero(out);
 }

@@ -52,6 +52,36 @@ TEST_CASE("the opacity of a source without copies does not change", "[mcmc]") {
     CHECK(split_raw_opacity(raw, 1.0) == Approx(raw).epsilon(1e-12).margin(1e-12));
 }
 
+TEST_CASE("over the draws, the covariance of a copy about its source is that of the source before",
+          "[mcmc]") {
+  for (const double spread : {0.0, 0.1, 0.35, 1.0, 5.0}) {
+    const double shrink = copy_shrink(spread);
+    for (const double raw : {-40.0, -3.0, 0.0, 2.0, 50.0}) {
+      const double before = std::log1p(std::exp(raw));
+      const double after = std::log1p(std::exp(copy_raw_scale(raw, shrink)));
+      CHECK(after * after * (1 + spread * spread) == Approx(before * before).epsilon(1e-12));
+    }
+  }
+  for (const double raw : {kNan, kInfinity, -kInfinity, -800.0}) {  // the softplus of -800 is 0
+    const double after = copy_raw_scale(raw, 0.5);
+    CHECK((std::isnan(raw) ? std::isnan(after) : after == raw));
+  }
+}
+
+TEST_CASE("a copy is displaced by M times normally distributed numbers", "[mcmc]") {
+  const double a0 = 0.3, a1 = -0.7, a2 = 1.1, s[3] = {0.4, -1.0, 0.1}, normals[3] = {0.5, -1.2, 0.8};
+  const SpatialFrame frame = spatial_frame({{a0, a1, a2}, {s[0], s[1], s[2]}});
+  const double rotation[3][3] = {{1, a0, a1}, {-a0, 1, a2}, {-a1, -a2, 1}};
+  const Vec3 got = copy_displacement(frame, {{normals[0], normals[1], normals[2]}}, 0.35);
+  for (int r = 0; r < 3; ++r) {
+    double expected = 0;
+    for (int c = 0; c < 3; ++c) expected += 0.35 * rotation[r][c] * std::log(1 + std::exp(s[c])) * normals[c];
+    CHECK(got.e[r] == Approx(expected).epsilon(1e-12));
+  }
+  const Vec3 none = copy_displacement(spatial_frame({{0, 0, 0}, {kInfinity, 1, 1}}), {{1, 1, 1}}, 1);
+  CHECK((none.e[0] == 0 && none.e[1] == 0 && none.e[2] == 0));
+}
+
 TEST_CASE("sampling weights are rounded multiples of opacities; sampling_weight_alive() is 0 for dead splats",
           "[mcmc]") {
   CHECK(sampling_weight(0.0) == 8388608.0);

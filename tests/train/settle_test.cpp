@@ -92,6 +92,12 @@ const Row kRows[] = {
     // Dimensions and units.
     {"", "dim=6 conditioning=covariance unit=4 noise_lr=1000000 near_plane=0.04"},
     {"unit=1 schedule=published", "noise_lr=1000000 unit=1"},
+    // Copies.
+    {"", "copy_spread=0.35"},
+    {"", "copy_spread=0.35", kMoving},
+    {"schedule=published", "copy_spread=0"},
+    {"freeze=scale", "copy_spread=0"},
+    {"copy_spread=0.5 schedule=published", "copy_spread=0.5"},
     {"cov_param=skew_nd", "unit=1"},
     {"", "dim=7 conditioning=direct noise_lr=1 find_points=0 lr_cooldown=0.6", kMoving},
     {"conditioning=covariance", "conditioning=covariance lr_cooldown=0.15", kMoving},

@@ -65,12 +65,31 @@ void add_noise(FormVectors& f) {
   f.displacement.resize(3 * kSplats);
   f.displacement_size.resize(3 * kSplats);
   for (std::size_t i = 0; i < kSplats; ++i) {
-    const oracle::Noise noise =
-        oracle::noise(model, i, check::kNoiseAmount, check::kDrawSeed, check::kDrawIteration);
+    const oracle::Displacement noise = oracle::noise(
+        model, i, check::kNoiseAmount,
+        {check::kDrawSeed, check::kDrawIteration, oracle::kNoise, static_cast<std::uint32_t>(i)});
     for (std::size_t r = 0; r < 3; ++r) {
       f.displacement[r * kSplats + i] = noise.displacement[r];
       f.displacement_size[r * kSplats + i] = noise.size[r];
     }
+  }
+}
+
+// Makes a copy of each splat and puts it into the place of the splat.
+void add_copies(FormVectors& f) {
+  const SplatModel& model = f.problem.model;
+  f.copies.resize(model.values.size());
+  f.copy_size.resize(3 * kSplats);
+  for (std::size_t i = 0; i < kSplats; ++i) {
+    std::vector<double> raw = oracle::split(model, i, 1, check::kCopySpread);
+    const oracle::Displacement place = oracle::place(
+        raw, model.dim, model.variant, check::kCopySpread,
+        {check::kDrawSeed, check::kDrawIteration, oracle::kGrownPlace, static_cast<std::uint32_t>(i)});
+    for (std::size_t r = 0; r < 3; ++r) {
+      raw[r] += place.displacement[r];
+      f.copy_size[r * kSplats + i] = place.size[r];
+    }
+    for (std::size_t r = 0; r < raw.size(); ++r) f.copies[r * kSplats + i] = raw[r];
   }
 }
 
@@ -103,6 +122,7 @@ FormVectors form_vectors(const check::Form& form) {
     for (const float raw : f.problem.model.row(layout.scale + r))
       f.penalties.push_back(oracle::scale_penalty(raw, check::kScaleWeight, kSplats));
   add_noise(f);
+  add_copies(f);
   return f;
 }
 
