@@ -53,12 +53,13 @@ std::vector<std::string> spz_remarks(const ImportedSplats& splats);
 ImportedSplats read_splat32(const std::filesystem::path& path);
 void write_splat32(const std::filesystem::path& path, const ImportedSplats& splats);
 
-// Read and write binary glTF with the extension KHR_gaussian_splatting. Coordinates have y up, and are
-// converted to and from the axes of PLY files by a rotation of 180 degrees about x. The writer stores the
-// offset of the splats as the translation of the node. The reader accepts all component types that the
-// extension allows, and several primitives; nodes may have a translation, but no rotation and no scaling.
-// parse_glb() reads the bytes of a whole file.
-ImportedSplats read_glb(const std::filesystem::path& path);
+// Read and write glTF with the extension KHR_gaussian_splatting. Coordinates have y up, and are converted to
+// and from the axes of PLY files by a rotation of 180 degrees about x. The writer creates binary files, and
+// stores the offset of the splats as the translation of the node. The reader accepts binary and text files,
+// all component types that the extension allows, several primitives, and the attributes of its early drafts.
+// It shows the meshes where the nodes of the scene place them (splat_transform.hpp). parse_glb() reads the
+// bytes of a whole file, without other files that it refers to.
+ImportedSplats read_gltf(const std::filesystem::path& path);
 ImportedSplats parse_glb(std::span<const std::byte> file, const std::string& name);
 void write_glb(const std::filesystem::path& path, const ImportedSplats& splats);
 
@@ -69,7 +70,7 @@ ImportedSplats read_sog(const std::filesystem::path& path);
 // Reads SOG without removing the splats that cannot be rendered, so the indices are those of the file.
 ImportedSplats load_sog(const std::filesystem::path& path);
 // Returns the path of the file `member`, whose name is stated in the file `path`. Throws Error(data) if the
-// name is an absolute path or contains "..", because the file could then be outside of the folder of `path`.
+// name is an absolute path, contains "..", or is a link that leads out of the folder of `path`.
 std::filesystem::path file_beside(const std::filesystem::path& path, const std::string& member);
 // Reads SOG from the bytes of a ZIP archive.
 ImportedSplats parse_sog(std::span<const std::byte> file, const std::string& name);
@@ -87,8 +88,8 @@ ImportedSplats read_streamed_sog(const std::filesystem::path& path);
 // the time codes 0, 1, 2, ...; attributes that are the same at all time samples are stored once. The reader
 // loads the float or half attributes of all splat prims in the layer itself. If the file has time samples,
 // the reader loads the first one, or the one nearest to `time`, which ranges from 0 (first) to 1 (last).
-// Prims may be translated, but not rotated or scaled. Throws Error(usage) if a time is passed and the file
-// has no time samples.
+// Prims are placed as the operations of the hierarchy state (splat_transform.hpp). Throws Error(usage) if a
+// time is passed and the file has no time samples.
 ImportedSplats read_usda(const std::filesystem::path& path);
 ImportedSplats read_usda_at(const std::filesystem::path& path, double time);
 ImportedSplats parse_usda(std::string_view text, const std::string& name, std::optional<double> time = {});

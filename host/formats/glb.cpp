@@ -1,36 +1,35 @@
 // SPDX-License-Identifier: Apache-2.0
-// Reads and writes binary glTF 2.0 with KHR_gaussian_splatting (kernel "ellipse"); see foreign_formats.hpp. A
-// file has a header, a chunk of JSON and a chunk of numbers. Scales and opacities are stored directly, and
-// not as logarithms and logits. The order of quaternions is x y z w. Each coefficient of the spherical
-// harmonics is a VEC3 with the values of the three colour channels.
+// Reads glTF 2.0 with KHR_gaussian_splatting (kernel "ellipse"), and writes binary files; see
+// foreign_formats.hpp. Scales and opacities are stored directly, and not as logarithms and logits. The order
+// of quaternions is x y z w. Each coefficient of the spherical harmonics is a VEC3 with the values of the
+// three colour channels.
 #include <algorithm>
 #include <array>
 #include <bit>
 #include <cmath>
 #include <cstdint>
-#include <cstring>
-#include <map>
 #include <optional>
 #include <set>
+#include <stdexcept>
 
-#include "host/base/byte_reader.hpp"
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
 #include "host/base/json.hpp"
+#include "host/base/memory_limit.hpp"
 #include "host/formats/foreign_formats.hpp"
+#include "host/formats/gltf_file.hpp"
+#include "host/formats/gltf_nodes.hpp"
+#include "host/formats/splat_transform.hpp"
 
 namespace ubs {
 namespace {
 
-constexpr std::uint32_t kGlbMagic = 0x46546c67, kJsonChunk = 0x4e4f534a, kBinChunk = 0x004e4942;
+constexpr std::uint32_t kGlbMagic = 0x46546c67;
 constexpr const char* kSplatting = "KHR_gaussian_splatting";
 // Extensions that a file may require. The second one allows integers in accessors.
-constexpr std::string_view kSupported[] = {kSplatting, "KHR_mesh_quantization"};
-constexpr int kFloat = 5126;
+constexpr std::string_view kSupported[] = {kSplatting, "KHR_mesh_quantization", kInstancing,
+                                           "KHR_node_visibility"};
 constexpr std::size_t kLeastSplatBytes = 14;
-// The rotation, the scale and the matrix of a node are treated as the identity if their numbers differ by at
-// most this much from those of the identity. This allows a few rounding errors of float32 numbers near 1.
-constexpr double kNodeRounding = 1e-6;
 
 std::string sh_name(int degree, int order) {
   return fmt::format("{}:SH_DEGREE_{}_COEF_{}", kSplatting, degree, order);
@@ -56,7 +55,8 @@ class GlbWriter {
         bytes_.insert(bytes_.end(), raw.begin(), raw.end());
       }
     const char* type = width == 1 ? "SCALAR" : width == 3 ? "VEC3" : "VEC4";
-    Json accessor{{"bufferView", views_.size()}, {"componentType", kFloat}, {"count", count}, {"type", type}};
+    Json accessor{
+        {"bufferView", views_.size()}, {"componentType", kGltfFloat}, {"count", count}, {"type", type}};
     if (bounds) accessor["min"] = low, accessor["max"] = high;
     views_.push_back({{"buffer", 0}, {"byteOffset", begin}, {"byteLength", bytes_.size() - begin}});
     accessors_.push_back(std::move(accessor));
@@ -72,10 +72,10 @@ class GlbWriter {
     std::vector<std::byte> out;
     const auto word = [&out](std::size_t v) { put_number(out, static_cast<std::uint32_t>(v)); };
     word(kGlbMagic), word(2), word(12 + 8 + text.size() + 8 + bytes_.size());
-    word(text.size()), word(kJsonChunk);
+    word(text.size()), word(kGltfJsonChunk);
     const auto words = std::as_bytes(std::span(text));
     out.insert(out.end(), words.begin(), words.end());
-    word(bytes_.size()), word(kBinChunk);
+    word(bytes_.size()), word(kGltfBinChunk);
     out.insert(out.end(), bytes_.begin(), bytes_.end());
     return out;
   }
@@ -86,113 +86,6 @@ class GlbWriter {
 };
 
 // ---- Reading ----
-
-struct GlbFile {
-  Json json;
-  std::span<const std::byte> bin;
-};
-
-GlbFile open_glb(std::span<const std::byte> file, const std::string& name) {
-  ByteReader in(file, name);
-  if (file.size() < 20 || in.read<std::uint32_t>() != kGlbMagic)
-    fail(ErrorKind::data, "{}: not a binary glTF file", name);
-  if (const auto version = in.read<std::uint32_t>(); version != 2)
-    fail(ErrorKind::data, "{}: glTF version {} is not supported, only 2", name, version);
-  in.skip(4);
-  GlbFile glb;
-  bool first = true;
-  while (in.remaining() >= 8) {
-    const auto size = in.read<std::uint32_t>(), kind = in.read<std::uint32_t>();
-    const auto bytes = in.take(size);
-    if (first && kind != kJsonChunk)
-      fail(ErrorKind::data, "{}: the file does not start with its JSON chunk", name);
-    if (first) {
-      glb.json = parse_json({reinterpret_cast<const char*>(bytes.data()), bytes.size()}, name);
-      limit_members(glb.json, name);
-    }
-    if (kind == kBinChunk && glb.bin.empty()) glb.bin = bytes;
-    first = false;
-  }
-  return glb;
-}
-
-struct Component {
-  std::size_t bytes = 4;
-  double most = 1;  // value that represents 1 if the accessor is normalised
-};
-Component component_of(int type, const std::string& name) {
-  switch (type) {
-    case 5120:
-      return {1, 127};
-    case 5121:
-      return {1, 255};
-    case 5122:
-      return {2, 32767};
-    case 5123:
-      return {2, 65535};
-    case kFloat:
-      return {4, 1};
-    default:
-      fail(ErrorKind::data, "{}: numbers of type {} are not supported", name, type);
-  }
-}
-
-float component_at(const std::byte* at, int type) {
-  const auto number = [at]<typename T>(T value) {
-    std::memcpy(&value, at, sizeof value);
-    return static_cast<float>(value);
-  };
-  switch (type) {
-    case 5120:
-      return number(std::int8_t{});
-    case 5121:
-      return number(std::uint8_t{});
-    case 5122:
-      return number(std::int16_t{});
-    case 5123:
-      return number(std::uint16_t{});
-    default:
-      return number(0.0f);
-  }
-}
-
-// Reads all numbers of an accessor with `width` numbers per element.
-std::vector<float> read_accessor(const GlbFile& glb, std::size_t index, std::size_t width, std::size_t count,
-                                 const std::string& name) {
-  const Json& accessor = glb.json.at("accessors").at(index);
-  if (accessor.contains("sparse")) fail(ErrorKind::data, "{}: sparse accessors are not supported", name);
-  if (accessor.at("count").get<std::size_t>() != count)
-    fail(ErrorKind::data, "{}: accessor {} has a different number of splats than POSITION", name, index);
-  const char* const type = width == 1 ? "SCALAR" : width == 3 ? "VEC3" : "VEC4";
-  if (accessor.at("type").get<std::string>() != type)
-    fail(ErrorKind::data, "{}: accessor {} is not of the type {}", name, index, type);
-  const int kind = accessor.at("componentType").get<int>();
-  const Component component = component_of(kind, name);
-  if (!accessor.contains("bufferView"))
-    fail(ErrorKind::data, "{}: accessor {} has no bufferView, so its values are missing", name, index);
-  const Json& view = glb.json.at("bufferViews").at(accessor.at("bufferView").get<std::size_t>());
-  if (view.at("buffer").get<std::size_t>() != 0 || glb.json.at("buffers").at(0).contains("uri"))
-    fail(ErrorKind::data, "{}: values in a separate file are not supported", name);
-  const std::size_t stride = view.value("byteStride", width * component.bytes);
-  const std::size_t inside = accessor.value("byteOffset", std::size_t{0});
-  const std::size_t begin = view.value("byteOffset", std::size_t{0}),
-                    size = view.at("byteLength").get<std::size_t>();
-  if (begin > glb.bin.size() || size > glb.bin.size() - begin || inside > size ||
-      stride < width * component.bytes || stride > 252 ||
-      (count > 0 && (size - inside < width * component.bytes ||
-                     (size - inside - width * component.bytes) / stride < count - 1)))
-    fail(ErrorKind::data, "{}: accessor {} does not fit into the file, or its stride is invalid", name,
-         index);
-  const bool normalised = accessor.value("normalized", false);
-  std::vector<float> values;
-  values.reserve(count * width);
-  for (std::size_t i = 0; i < count; ++i)
-    for (std::size_t k = 0; k < width; ++k) {
-      const float v = component_at(glb.bin.data() + begin + inside + i * stride + k * component.bytes, kind);
-      values.push_back(normalised ? std::max(-1.0f, v / static_cast<float>(component.most)) : v);
-    }
-  return values;
-}
 
 std::string range_text(std::span<const float> values) {
   const auto [low, high] = std::ranges::minmax(values);
@@ -228,46 +121,97 @@ void check_opacities(std::span<const float> opacities, const std::string& where)
          where, range_text(opacities));
 }
 
-// Adds a note that names the attributes that are not used. COLOR_0 is not named, because it is only meant for
-// viewers that do not support the extension.
-void note_unused(const Json& attributes, int sh_degree, LoadReport& report) {
-  std::vector<std::string> used{"POSITION", "COLOR_0", attribute("ROTATION"), attribute("SCALE"),
-                                attribute("OPACITY")};
-  for (int degree = 0; degree <= sh_degree; ++degree)
-    for (int order = 0; order < 2 * degree + 1; ++order) used.push_back(sh_name(degree, order));
-  std::vector<std::string> others;
-  for (const auto& [key, value] : attributes.items())
-    if (std::ranges::find(used, key) == used.end()) others.push_back(key);
-  if (!others.empty()) report.note(fmt::format("attributes that are not used: {}", list_names(others)));
-}
+// SplatAttributes finds the attributes of a primitive. Early drafts of the extension used the names
+// _ROTATION, _SCALE and _SH_DEGREE_1_COEF_0, and stored the colour and the opacity in COLOR_0.
+class SplatAttributes {
+ public:
+  SplatAttributes(const Json& attributes, const std::string& name) : attributes_(attributes), name_(name) {}
+
+  bool has(const std::string& semantic) const { return !key_of(semantic).empty(); }
+
+  // Returns the accessor of an attribute, which counts as used.
+  std::size_t take(const std::string& semantic) {
+    const std::string key = key_of(semantic);
+    if (key.empty()) fail(ErrorKind::data, "{}: the attribute {} is missing", name_, semantic);
+    if (key != semantic) early_ = true;
+    used_.insert(key);
+    return attributes_.at(key).get<std::size_t>();
+  }
+
+  // Returns whether COLOR_0 stores a quantity that has no attribute of its own. Other files have COLOR_0 only
+  // for viewers that do not support the extension.
+  bool in_colour(const std::string& semantic) const {
+    return !has(semantic) && attributes_.contains("COLOR_0");
+  }
+
+  void note(LoadReport& report) const {
+    if (early_) report.note("attributes have the names of an early draft of KHR_gaussian_splatting");
+    std::vector<std::string> others;
+    for (const auto& [key, value] : attributes_.items())
+      if (!used_.contains(key) && key != "COLOR_0") others.push_back(key);
+    if (!others.empty()) report.note(fmt::format("attributes that are not used: {}", list_names(others)));
+  }
+
+ private:
+  std::string key_of(const std::string& semantic) const {
+    if (attributes_.contains(semantic)) return semantic;
+    const std::size_t colon = semantic.find(':');
+    if (colon == std::string::npos) return {};
+    const std::string early = "_" + semantic.substr(colon + 1);
+    return attributes_.contains(early) ? early : std::string();
+  }
+
+  const Json& attributes_;
+  const std::string& name_;
+  std::set<std::string> used_;
+  bool early_ = false;
+};
 
 // Reads one primitive. `before` is the number of splats in the primitives before this one. Each splat has at
-// least 14 numbers of at least one byte, and we assume that primitives do not share data. So the file size
-// limits the number of splats, and a small damaged file that states a huge number is rejected.
-ImportedSplats read_primitive(const GlbFile& glb, const Json& primitive, std::size_t before,
-                              const std::string& name) {
-  const Json& attributes = primitive.at("attributes");
-  const auto index = [&](const std::string& key) {
-    if (!attributes.contains(key)) fail(ErrorKind::data, "{}: the attribute {} is missing", name, key);
-    return attributes.at(key).get<std::size_t>();
-  };
-  const std::size_t count = glb.json.at("accessors").at(index("POSITION")).at("count").get<std::size_t>();
-  if (const std::size_t most = glb.bin.size() / kLeastSplatBytes; count > most || before > most - count)
+// least 14 numbers of at least one byte, and we assume that primitives do not share data. So the size of the
+// buffers limits the number of splats, and a small damaged file that states a huge number is rejected.
+ImportedSplats read_primitive(GltfFile& file, const Json& primitive, std::size_t before) {
+  const std::string& name = file.name();
+  const Json& stored = primitive.at("attributes");
+  SplatAttributes attributes(stored, name);
+  const std::size_t places = attributes.take("POSITION");
+  const std::size_t count = file.count(places);
+  file.load(places);
+  for (const char* key : {"ROTATION", "SCALE"}) file.load(attributes.take(attribute(key)));
+  for (const auto& [key, value] : stored.items())
+    if (key.find("SH_DEGREE_") != std::string::npos) file.load(value.get<std::size_t>());
+  if (const std::size_t most = file.loaded_bytes() / kLeastSplatBytes; count > most || before > most - count)
     fail(ErrorKind::data, "{}: {} splats, in addition to {} of other primitives, do not fit into the file",
          name, count, before);
   const auto get = [&](const std::string& key, std::size_t width) {
-    return read_accessor(glb, index(key), width, count, name);
+    return file.read(attributes.take(key), width, count);
   };
-  const std::vector<float> place = get("POSITION", 3), rotation = get(attribute("ROTATION"), 4),
-                           opacity = get(attribute("OPACITY"), 1);
-  const auto accessor = [&](const char* key) {
-    return fmt::format("{}: accessor {} ({})", name, index(attribute(key)), key);
+  const std::vector<float> place = get("POSITION", 3), rotation = get(attribute("ROTATION"), 4);
+  const auto accessor = [&](const std::string& key) {
+    return fmt::format("{}: accessor {} ({})", name, attributes.take(attribute(key.c_str())), key);
   };
   ImportedSplats splats;
   const std::vector<float> scale =
       log_scales_of(get(attribute("SCALE"), 3), accessor("SCALE"), splats.report);
-  check_opacities(opacity, accessor("OPACITY"));
-  while (splats.sh_degree < 3 && attributes.contains(sh_name(splats.sh_degree + 1, 0))) ++splats.sh_degree;
+  const bool opacity_in_colour = attributes.in_colour(attribute("OPACITY")),
+             colour_in_colour = attributes.in_colour(sh_name(0, 0));
+  std::vector<float> colour, opacity;
+  std::size_t width = 3;
+  if (opacity_in_colour || colour_in_colour) {
+    const std::size_t at = attributes.take("COLOR_0");
+    width = opacity_in_colour || file.type(at) == "VEC4" ? 4 : 3;
+    colour = file.read(at, width, count);
+    splats.report.note(
+        "COLOR_0 is the colour or the opacity of the splats, as in an early draft of the extension");
+  }
+  if (opacity_in_colour) {
+    for (std::size_t i = 0; i < count; ++i) opacity.push_back(colour[4 * i + 3]);
+    check_opacities(opacity, fmt::format("{}: COLOR_0", name));
+  } else {
+    opacity = get(attribute("OPACITY"), 1);
+    check_opacities(opacity, accessor("OPACITY"));
+  }
+  while (splats.sh_degree < 3 && attributes.has(sh_name(splats.sh_degree + 1, 0))) ++splats.sh_degree;
   splats.resize(count);
   for (std::size_t i = 0; i < count; ++i) {
     const float* const p = &place[3 * i];
@@ -281,12 +225,16 @@ ImportedSplats read_primitive(const GlbFile& glb, const Json& primitive, std::si
   for (int degree = 0; degree <= splats.sh_degree; ++degree)
     for (int order = 0; order < 2 * degree + 1; ++order, ++coefficient) {
       const float sign = coefficient == 0 ? 1.0f : kHalfTurnSigns[coefficient - 1];
-      const std::vector<float> values = get(sh_name(degree, order), 3);
+      const bool plain = coefficient == 0 && colour_in_colour;
+      const std::vector<float> values = plain ? std::vector<float>() : get(sh_name(degree, order), 3);
       for (std::size_t i = 0; i < count; ++i)
         for (std::size_t c = 0; c < 3; ++c)
-          splats.sh[(i * splats.coefficients() + coefficient) * 3 + c] = sign * values[3 * i + c];
+          splats.sh[(i * splats.coefficients() + coefficient) * 3 + c] =
+              plain ? static_cast<float>((colour[width * i + c] - 0.5) / kShC0) : sign * values[3 * i + c];
     }
-  note_unused(attributes, splats.sh_degree, splats.report);
+  if (primitive.contains("indices"))
+    splats.report.note("the indices of primitives are not used: all splats are read");
+  attributes.note(splats.report);
   return splats;
 }
 
@@ -312,85 +260,12 @@ void check_required(const Json& json, const std::string& name) {
 void check_kernel(const Json& splatting, const std::string& name) {
   if (splatting.contains("extensions"))
     for (const auto& [extension, value] : splatting["extensions"].items()) refuse_extension(extension, name);
+  if (splatting.contains("quantizedPositionScale"))
+    fail(ErrorKind::data, "{}: quantizedPositionScale, of an early draft of {}, is not supported", name,
+         kSplatting);
   if (const auto kernel = splatting.value("kernel", "ellipse"); kernel != "ellipse")
     fail(ErrorKind::data, "{}: kernel '{}' is not supported, only 'ellipse'", name, kernel);
 }
-
-template <std::size_t N>
-std::array<double, N> node_numbers(const Json& node, const char* key, std::array<double, N> absent) {
-  if (node.contains(key)) node[key].get_to(absent);
-  return absent;
-}
-
-template <std::size_t N>
-void require_neutral(const char* key, const std::array<double, N>& values,
-                     const std::array<double, N>& neutral, const std::string& name) {
-  for (std::size_t k = 0; k < N; ++k)
-    if (std::abs(values[k] - neutral[k]) > kNodeRounding)
-      fail(ErrorKind::data, "{}: a node has a {}, but only translations are supported", name, key);
-}
-
-// Returns the translation of a node. Throws Error(data) if the node rotates or scales. Many exporters write
-// rotations, scales and matrices that have no effect; these are accepted.
-std::array<double, 3> place_of_node(const Json& node, const std::string& name) {
-  const auto q = node_numbers<4>(node, "rotation", {0, 0, 0, 1});
-  require_neutral("rotation", q, {0, 0, 0, std::copysign(1.0, q[3])}, name);  // -q is the same rotation as q
-  require_neutral("scale", node_numbers<3>(node, "scale", {1, 1, 1}), {1, 1, 1}, name);
-  const auto m = node_numbers<16>(node, "matrix", {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1});
-  require_neutral("matrix", m, {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, m[12], m[13], m[14], 1}, name);
-  return node_numbers<3>(node, "translation", {m[12], m[13], m[14]});
-}
-
-// MeshPlaces finds the translations of all meshes, in time proportional to the number of nodes.
-class MeshPlaces {
- public:
-  MeshPlaces(const Json& json, const std::string& name) : name_(name) {
-    if (!json.contains("nodes")) return;
-    nodes_ = &json.at("nodes");
-    parents_.assign(nodes_->size(), nodes_->size());
-    places_.resize(nodes_->size());
-    for (std::size_t n = 0; n < nodes_->size(); ++n) {
-      const Json& node = (*nodes_)[n];
-      if (node.contains("mesh")) {
-        const auto mesh = node["mesh"].get<std::size_t>();
-        if (!of_mesh_.emplace(mesh, n).second) repeated_.insert(mesh);
-      }
-      if (node.contains("children"))
-        for (const Json& child : node["children"]) parents_.at(child.get<std::size_t>()) = n;
-    }
-  }
-
-  // Returns the sum of the translations of the node that refers to the mesh and of all nodes above it,
-  // converted to the axes of PLY files. Returns zero if no node refers to the mesh.
-  std::array<double, 3> of(std::size_t mesh) {
-    if (repeated_.contains(mesh))
-      fail(ErrorKind::data, "{}: two nodes refer to mesh {}, but only one is supported", name_, mesh);
-    const auto found = of_mesh_.find(mesh);
-    if (found == of_mesh_.end()) return {};
-    std::vector<std::size_t> path;
-    std::size_t at = found->second;
-    for (; at < parents_.size() && !places_[at]; at = parents_[at]) {
-      path.push_back(at);
-      if (path.size() > parents_.size())
-        fail(ErrorKind::data, "{}: the nodes of the scene form a cycle", name_);
-    }
-    std::array<double, 3> place = at < parents_.size() ? *places_[at] : std::array<double, 3>{};
-    for (; !path.empty(); path.pop_back()) {
-      const auto by = place_of_node((*nodes_)[path.back()], name_);
-      for (std::size_t k = 0; k < 3; ++k) place[k] += k == 0 ? by[k] : -by[k];
-      places_[path.back()] = place;
-    }
-    return place;
-  }
-
- private:
-  const std::string& name_;
-  const Json* nodes_ = nullptr;
-  std::vector<std::size_t> parents_;  // the number of nodes, if there is no parent
-  std::vector<std::optional<std::array<double, 3>>> places_;
-  std::map<std::size_t, std::size_t> of_mesh_;  // node that refers to a mesh
-  std::set<std::size_t> repeated_;              // meshes to which several nodes refer
-};
 
 }  // namespace
 
@@ -438,56 +313,117 @@ void write_glb(const std::filesystem::path& path, const ImportedSplats& splats) 
   write_file_atomically(path, out.finish(std::move(document)));
 }
 
-ImportedSplats parse_glb(std::span<const std::byte> file, const std::string& name) {
-  const GlbFile glb = open_glb(file, name);
-  std::optional<ImportedSplats> splats;
-  std::string linear;
+namespace {
+
+// Returns the extension that holds the splats of a primitive, or null if the primitive has no splats. Refuses
+// other extensions for splats, such as those for compression.
+const Json* splatting_of(const Json& primitive, const std::string& name) {
+  if (!primitive.contains("extensions")) return nullptr;
+  const Json& extensions = primitive["extensions"];
+  for (const auto& [extension, value] : extensions.items())
+    if (extension != kSplatting && extension.find("gaussian_splat") != std::string::npos)
+      refuse_extension(extension, name);
+  return extensions.contains(kSplatting) ? &extensions[kSplatting] : nullptr;
+}
+
+// Appends the splats of one mesh, at each of its places, to `splats`. `read` is the number of splats that
+// were read before. Returns the number of splats of the mesh.
+std::size_t append_mesh(GltfFile& file, const Json& mesh, const std::vector<Affine>& places, std::size_t read,
+                        std::optional<ImportedSplats>& splats) {
+  std::size_t count = 0;
+  for (const Json& primitive : mesh.at("primitives")) {
+    const Json* const extension = splatting_of(primitive, file.name());
+    if (!extension) continue;
+    check_kernel(*extension, file.name());
+    const ImportedSplats part = read_primitive(file, primitive, read + count);
+    count += part.count();
+    if (places.size() > 1) {
+      const double bytes =
+          (44.0 + 12.0 * static_cast<double>(part.coefficients())) * static_cast<double>(part.count());
+      require_memory(static_cast<std::uint64_t>(std::min(1e18, bytes * static_cast<double>(places.size()))),
+                     fmt::format("{}: {} copies of {} splats", file.name(), places.size(), part.count()));
+    }
+    for (const Affine& place : places) {
+      ImportedSplats copy = part;
+      transform_splats(copy, half_turned(place));
+      if (const auto space = extension->value("colorSpace", ""); space.starts_with("lin"))
+        copy.report.note(
+            fmt::format("colours in linear light ({}) are not converted and will look too dark", space));
+      if (splats)
+        append(*splats, copy);
+      else
+        splats = std::move(copy);
+    }
+  }
+  return count;
+}
+
+ImportedSplats splats_of(GltfFile& file) {
+  const std::string& name = file.name();
+  check_required(file.json(), name);
+  const Json& meshes = file.json().at("meshes");
+  LoadReport report;
+  const MeshPlaces places = find_mesh_places(file, report);
+  std::vector<std::size_t> with_splats;
   std::size_t without = 0;
-  bool animated = false;
+  for (std::size_t m = 0; m < meshes.size(); ++m) {
+    bool any = false;
+    for (const Json& primitive : meshes[m].at("primitives"))
+      if (splatting_of(primitive, name))
+        any = true;
+      else
+        ++without;
+    if (any) with_splats.push_back(m);
+  }
+  if (with_splats.empty())
+    fail(ErrorKind::data, "{}: this glTF file has {} primitives, but none with splats ({})", name, without,
+         kSplatting);
+  const auto shown = [&](std::size_t m) { return places.contains(m); };
+  const auto not_shown =
+      with_splats.size() - static_cast<std::size_t>(std::ranges::count_if(with_splats, shown));
+  const bool none = not_shown == with_splats.size();
+  if (none && file.json().contains("nodes"))
+    report.note("no node shows the splats: they are read without a transformation");
+  else if (not_shown > 0 && !none)
+    report.note(
+        fmt::format("{} meshes with splats are not used, because the scene does not show them", not_shown));
+  std::optional<ImportedSplats> splats;
+  std::size_t read = 0;
+  for (const std::size_t m : with_splats)
+    if (none || shown(m))
+      read += append_mesh(file, meshes[m], none ? std::vector<Affine>(1) : places.at(m), read, splats);
+  for (const std::string& note : report.notes) splats->report.note(note);
+  if (without > 0) splats->report.note(fmt::format("{} primitives without splats are not used", without));
+  if (file.json().contains("animations") && !file.json()["animations"].empty())
+    splats->report.note("animations are ignored: the splats are static");
+  return std::move(*splats);
+}
+
+ImportedSplats read_gltf_file(std::span<const std::byte> bytes, const std::string& name,
+                              const std::filesystem::path& path) {
+  GltfFile file(bytes, name, path);
   try {
-    check_required(glb.json, name);
-    const Json& meshes = glb.json.at("meshes");
-    MeshPlaces places(glb.json, name);
-    for (std::size_t m = 0; m < meshes.size(); ++m)
-      for (const Json& primitive : meshes[m].at("primitives")) {
-        if (!primitive.contains("extensions") || !primitive["extensions"].contains(kSplatting)) {
-          ++without;
-          continue;
-        }
-        const Json& extension = primitive["extensions"][kSplatting];
-        check_kernel(extension, name);
-        if (const auto space = extension.value("colorSpace", ""); space.starts_with("lin")) linear = space;
-        ImportedSplats part = read_primitive(glb, primitive, splats ? splats->count() : 0, name);
-        part.offset = places.of(m);
-        if (splats && splats->offset != part.offset)
-          fail(ErrorKind::data, "{}: primitives with different translations are not supported", name);
-        if (splats)
-          append(*splats, part);
-        else
-          splats = std::move(part);
-      }
-    animated = glb.json.contains("animations") && !glb.json["animations"].empty();
+    ImportedSplats splats = splats_of(file);
+    splats.report.layout = "glTF";
+    splats.report.folder = name;
+    clean(splats);
+    return splats;
   } catch (const nlohmann::json::exception& error) {
     fail(ErrorKind::data, "{}: the JSON does not match the format: {}", name, error.what());
   } catch (const std::out_of_range&) {
     fail(ErrorKind::data, "{}: the JSON refers to an object that does not exist", name);
   }
-  if (!splats)
-    fail(ErrorKind::data, "{}: this glTF file has {} primitives, but none with splats ({})", name, without,
-         kSplatting);
-  if (without > 0) splats->report.note(fmt::format("{} primitives without splats are not used", without));
-  if (animated) splats->report.note("animations are ignored: the splats are static");
-  splats->report.layout = "glTF";
-  splats->report.folder = name;
-  if (!linear.empty())
-    splats->report.note(
-        fmt::format("colours in linear light ({}) are not converted and will look too dark", linear));
-  clean(*splats);
-  return std::move(*splats);
 }
 
-ImportedSplats read_glb(const std::filesystem::path& path) {
-  return parse_glb(read_file(path), path.string());
+}  // namespace
+
+ImportedSplats parse_glb(std::span<const std::byte> file, const std::string& name) {
+  return read_gltf_file(file, name, {});
+}
+
+ImportedSplats read_gltf(const std::filesystem::path& path) {
+  const std::vector<std::byte> bytes = read_file(path);
+  return read_gltf_file(bytes, path.string(), path);
 }
 
 }  // namespace ubs

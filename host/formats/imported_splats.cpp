@@ -95,7 +95,12 @@ void append(ImportedSplats& splats, const ImportedSplats& more) {
     return append(splats, raised);
   }
   const auto join = [](auto& to, const auto& from) { to.insert(to.end(), from.begin(), from.end()); };
+  const std::size_t before = splats.count();
   join(splats.positions, more.positions);
+  if (more.offset != splats.offset)
+    for (auto& p : std::span(splats.positions).subspan(before))
+      for (std::size_t k = 0; k < 3; ++k)
+        p[k] = static_cast<float>(p[k] + (more.offset[k] - splats.offset[k]));
   join(splats.log_scales, more.log_scales);
   join(splats.rotations, more.rotations);
   join(splats.opacity_logits, more.opacity_logits);

@@ -54,7 +54,8 @@ inline constexpr float kFlatLogScale = -39;
 inline constexpr double kShC0 = 0.28209479177387814;  // 1 / (2 sqrt(pi))
 
 // Appends splats with the same kernel and number of lobes, and the entries of their report. If the degrees of
-// the spherical harmonics differ, the lower degree is raised by adding zeros.
+// the spherical harmonics differ, the lower degree is raised by adding zeros. If the offsets differ, the
+// positions of the appended splats become relative to the offset of `splats`.
 void append(ImportedSplats& splats, const ImportedSplats& more);
 
 // Returns `count` splats starting at `first`.

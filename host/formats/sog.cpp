@@ -496,7 +496,11 @@ std::filesystem::path file_beside(const std::filesystem::path& path, const std::
   const std::filesystem::path inside(member);
   if (inside.is_absolute() || std::ranges::find(inside, "..") != inside.end())
     fail(ErrorKind::data, "{}: the file '{}' is not in the same folder", path.string(), member.substr(0, 80));
-  return folder_of(path) / inside;
+  const std::filesystem::path folder = resolved_path(folder_of(path)), file = folder_of(path) / inside;
+  if (std::ranges::mismatch(folder, resolved_path(file)).in1 != folder.end())
+    fail(ErrorKind::data, "{}: the file '{}' is a link that leads out of the folder", path.string(),
+         member.substr(0, 80));
+  return file;
 }
 
 ImportedSplats load_sog(const std::filesystem::path& path) {

@@ -135,9 +135,15 @@ constexpr SplatFormat kFormats[] = {
      .extension = ".glb",
      .holds = Holds::gaussians,
      .recognise = [](const FileStart& s) { return s.bytes.starts_with("glTF"); },
-     .read = read_glb,
+     .read = read_gltf,
      .write = write_glb,
      .keeps_offset = true},
+    {.name = "gltf",
+     .title = "glTF text",
+     .extension = ".gltf",
+     .holds = Holds::gaussians,
+     .recognise = [](const FileStart& s) { return !s.bytes.empty() && s.extension == ".gltf"; },
+     .read = read_gltf},
     {.name = "usda",
      .title = "USD text",
      .extension = ".usda",
@@ -262,7 +268,7 @@ constexpr OtherFile kOthers[] = {
      },
      [](const FileStart&) -> std::string { return "cameras of a data folder, no splats"; }},
     {[](const FileStart& s) { return has_key(s, "asset") && has_key(s, "meshes"); },
-     [](const FileStart&) -> std::string { return "glTF as text: save it as one binary file (.glb)"; }},
+     [](const FileStart&) -> std::string { return "glTF as text: its name must end with .gltf"; }},
     {[](const FileStart& s) { return !s.json.empty(); },
      [](const FileStart&) -> std::string { return "a JSON file, no splats"; }},
     {[](const FileStart& s) {
@@ -325,7 +331,7 @@ FileStart start_of(const fs::path& path) {
   if (is_ply(start)) look_into_ply(stream, start);
   if (is_gzip(start)) look_into_gzip(stream, size, start, path.string());
   if (is_zip(start)) start.members = zip_member_names(path);
-  if ((start.extension == ".json" || start.extension == ".gltf") && text != std::string::npos &&
+  if (start.extension == ".json" && text != std::string::npos &&
       (start.bytes[text] == '{' || start.bytes[text] == '[') && size <= kLargestJson)
     start.json = read_text_file(path);
   return start;

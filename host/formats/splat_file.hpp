@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // load_splat_model() loads model files of any known format. The format is recognised by the content of the
-// file, except that of .splat files, which is recognised by the extension. Files of ubs and of the published
-// code are loaded unchanged; third-party files are converted to models of the variant that they were trained
-// with (gaussian_model.hpp).
+// file, except that of .splat and .gltf files, which are recognised by the extension. Files of ubs and of the
+// published code are loaded unchanged; third-party files are converted to models of the variant that they
+// were trained with (gaussian_model.hpp).
 #pragma once
 
 #include <array>
@@ -28,7 +28,7 @@ struct FileStart {
   std::vector<std::string> ply = {};      // header lines of a PLY file, with one blank between words
   std::vector<std::string> members = {};  // names of the files in a ZIP archive; empty if it is damaged
   std::string packed = {};                // first unpacked bytes of a gzip file; empty if it is damaged
-  // Text of a file with the extension .json or .gltf that contains a JSON object or array; empty for other
+  // Text of a file with the extension .json that contains a JSON object or array; empty for other
   // files and for files of more than 64 MiB.
   std::string json = {};
 };
@@ -39,9 +39,10 @@ struct SplatFormat {
   // Kind of splats in the file: models of ubs, Beta splats of DBS, or Gaussians.
   enum class Holds { ours, beta, gaussians };
 
-  std::string_view name;       // name in --to and in the library, such as "spz"
-  std::string_view title;      // name in messages, such as "SPZ"
-  std::string_view extension;  // usual extension; only .splat and .json files must have it to be recognised
+  std::string_view name;   // name in --to and in the library, such as "spz"
+  std::string_view title;  // name in messages, such as "SPZ"
+  std::string_view
+      extension;  // usual extension; only .splat, .gltf and .json files must have it to be recognised
   Holds holds;
   bool (*recognise)(const FileStart& start);
   ImportedSplats (*read)(const std::filesystem::path& path);  // null for the format of ubs

@@ -5,18 +5,24 @@
 #include <cmath>
 #include <limits>
 #include <map>
+#include <numbers>
+#include <optional>
 #include <set>
+#include <span>
+#include <string>
+#include <utility>
+#include <vector>
 
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
 #include "host/formats/foreign_formats.hpp"
+#include "host/formats/splat_transform.hpp"
 #include "host/formats/usda_parser.hpp"
 
 namespace ubs {
 namespace {
 
 constexpr const char* kSplatType = "ParticleField3DGaussianSplat";
-constexpr double kNeutralTolerance = 1e-6;  // tolerance for operations that should neither rotate nor scale
 
 // Returns the nearest number of half precision. OpenUSD prints such numbers with six digits, which is enough
 // to distinguish them, but is not their exact value.
@@ -26,6 +32,55 @@ float nearest_half(float value) {
   if (!(std::abs(value) <= kLargest) || value == 0) return value;
   const int exponent = std::max(std::ilogb(value), kLeastExponent) - kFractionBits;
   return std::ldexp(std::nearbyint(std::ldexp(value, -exponent)), exponent);
+}
+
+// Returns the rotation by an angle [degrees] about axis 0, 1 or 2.
+Affine usd_turn(std::size_t axis, double angle) {
+  const double half = angle * std::numbers::pi / 360;
+  std::array<double, 4> q{std::cos(half), 0, 0, 0};
+  q[axis + 1] = std::sin(half);
+  return rotation(q);
+}
+
+// Returns the transformation of an operation such as xformOp:rotateXYZ or xformOp:translate:pivot, or nothing
+// if it is not one of the schema.
+std::optional<Affine> usd_operation(std::string_view name, const std::vector<double>& v) {
+  constexpr std::string_view kPrefix = "xformOp:";
+  if (!name.starts_with(kPrefix)) return {};
+  std::string_view kind = name.substr(kPrefix.size());
+  kind = kind.substr(0, kind.find(':'));
+  // Returns the axes that the letters after `what` name, or none if there are other letters.
+  const auto axes_after = [kind](std::string_view what) {
+    std::vector<std::size_t> axes;
+    if (!kind.starts_with(what) || kind.find_first_not_of("XYZ", what.size()) != kind.npos) return axes;
+    for (const char letter : kind.substr(what.size())) axes.push_back(static_cast<std::size_t>(letter - 'X'));
+    return axes;
+  };
+  const auto on_axis = [&v](std::size_t axis, double others) {
+    Vec3 values{others, others, others};
+    values[axis] = v[0];
+    return values;
+  };
+  if (kind == "translate" && v.size() == 3) return translation({v[0], v[1], v[2]});
+  if (kind == "scale" && v.size() == 3) return scaling({v[0], v[1], v[2]});
+  if (kind == "orient" && v.size() == 4) return rotation({v[0], v[1], v[2], v[3]});
+  if (const auto axes = axes_after("translate"); axes.size() == 1 && v.size() == 1)
+    return translation(on_axis(axes[0], 0));
+  if (const auto axes = axes_after("scale"); axes.size() == 1 && v.size() == 1)
+    return scaling(on_axis(axes[0], 1));
+  if (const auto axes = axes_after("rotate"); axes.size() == v.size() && (v.size() == 1 || v.size() == 3)) {
+    Affine turn;  // the rotation about the first axis of the name is applied first
+    for (const std::size_t axis : axes) turn = usd_turn(axis, v.size() == 1 ? v[0] : v[axis]) * turn;
+    return turn;
+  }
+  // OpenUSD multiplies a row with the matrix.
+  if (kind != "transform" || v.size() != 16 || !is_affine_row(v[3], v[7], v[11], v[15])) return {};
+  Affine affine;
+  for (std::size_t r = 0; r < 3; ++r) {
+    for (std::size_t c = 0; c < 3; ++c) affine.linear[r][c] = v[4 * c + r];
+    affine.move[r] = v[12 + r];
+  }
+  return affine;
 }
 
 class UsdSplatReader {
@@ -47,7 +102,7 @@ class UsdSplatReader {
       }
       ImportedSplats part = read_prim(prim);
       if (splats)
-        join(*splats, std::move(part));
+        append(*splats, part);
       else
         splats = std::move(part);
     }
@@ -175,7 +230,8 @@ class UsdSplatReader {
           splats.sh[(i * splats.coefficients() + n) * 3 + c] = sign * colours_[(i * stored + n) * 3 + c];
       }
     }
-    splats.offset = place_of(prim);
+    const Affine place = place_of(prim);
+    transform_splats(splats, turned_ ? half_turned(place) : place);
     note_unused(prim, report);
     return splats;
   }
@@ -210,69 +266,48 @@ class UsdSplatReader {
          name, least, most, expected);
   }
 
-  // Returns the sum of the translations of a prim and of all prims above it, up to the first one that ignores
-  // the prims above it.
-  std::array<double, 3> place_of(const UsdPrim& prim) {
-    std::array<double, 3> place{};
+  // Returns the transformation from the axes of a prim to those of the stage: that of the prim and of all
+  // prims above it, up to the first one that ignores the prims above it.
+  Affine place_of(const UsdPrim& prim) {
+    Affine place;
     for (const UsdPrim* at = &prim;; at = &layer_.prims[at->parent]) {
-      const bool resets = add_place(*at, place);
+      if (at->type == "PointInstancer")
+        fail(ErrorKind::data, "{}: the prim {} belongs to the PointInstancer {}, which is not supported",
+             name_, prim.name, at->name);
+      const auto [own, resets] = operations_of(*at);
+      place = own * place;
       if (resets || at->parent == kUsdNone) break;
     }
-    if (turned_)
-      for (std::size_t k = 1; k < 3; ++k) place[k] = 0 - place[k];
     return place;
   }
 
-  // Adds the translation of one prim. Returns whether the prim ignores the prims above it. Throws Error(data)
-  // for operations that rotate or scale; rotations and scales that have no effect are accepted, because many
-  // exporters write them.
-  bool add_place(const UsdPrim& prim, std::array<double, 3>& place) {
-    bool resets = false;
+  // Returns the transformation of one prim, and whether the prim ignores the prims above it. The last
+  // operation of the list is applied first.
+  std::pair<Affine, bool> operations_of(const UsdPrim& prim) {
+    std::pair<Affine, bool> result;
     const std::size_t order = value_at(find(prim, "xformOpOrder"));
-    if (order == kUsdNone) return false;
+    if (order == kUsdNone) return result;
     for (std::string name : parser_.read_texts(order)) {
       if (name == "!resetXformStack!") {
-        resets = true;
+        result.second = true;
         continue;
       }
-      const std::string_view inverse = "!invert!";
-      const double sign = name.starts_with(inverse) ? -1 : 1;
-      if (sign < 0) name.erase(0, inverse.size());
+      const std::string_view inverted = "!invert!";
+      const bool inverts = name.starts_with(inverted);
+      if (inverts) name.erase(0, inverted.size());
       const std::size_t at = value_at(find(prim, name));
       if (at == kUsdNone) continue;
-      const std::vector<double> values = parser_.read_numbers(at);
-      const auto is_operation = [&](std::string_view kind) {
-        return name == fmt::format("xformOp:{}", kind) || name.starts_with(fmt::format("xformOp:{}:", kind));
+      const auto refuse_operation = [&](const char* why) {
+        fail(ErrorKind::data, "{}: the prim {} has the operation {}: {}", name_, prim.name, name, why);
       };
-      if (is_operation("translate") && values.size() == 3) {
-        for (std::size_t k = 0; k < 3; ++k) place[k] += sign * values[k];
-      } else if (is_operation("transform") && values.size() == 16) {
-        for (std::size_t k = 0; k < 16; ++k)
-          if (k < 12 || k == 15) require_neutral_value(prim, name, values[k], k % 5 == 0 ? 1 : 0);
-        for (std::size_t k = 0; k < 3; ++k) place[k] += sign * values[12 + k];
-      } else if (is_operation("orient") && values.size() == 4) {
-        for (std::size_t k = 0; k < 4; ++k)
-          require_neutral_value(prim, name, k == 0 ? std::abs(values[k]) : values[k], k == 0 ? 1 : 0);
-      } else {
-        for (const double v : values) require_neutral_value(prim, name, v, is_operation("scale") ? 1 : 0);
-      }
+      const std::optional<Affine> operation = usd_operation(name, parser_.read_numbers(at));
+      if (!operation) refuse_operation("it is not supported");
+      if (!is_finite(*operation)) refuse_operation("its value is not a finite transformation");
+      const std::optional<Affine> back = inverse(*operation);
+      if (!back) refuse_operation("it has no inverse, for example because a scale is 0");
+      result.first = result.first * (inverts ? *back : *operation);
     }
-    return resets;
-  }
-
-  void require_neutral_value(const UsdPrim& prim, const std::string& operation, double value,
-                             double neutral) const {
-    if (!(std::abs(value - neutral) <= kNeutralTolerance))
-      fail(ErrorKind::data, "{}: the prim {} has the operation {}: only translations are supported", name_,
-           prim.name, operation);
-  }
-
-  // Appends the splats of a prim. The position of the first prim is the offset of all splats.
-  void join(ImportedSplats& splats, ImportedSplats part) const {
-    for (auto& p : part.positions)
-      for (std::size_t k = 0; k < 3; ++k)
-        p[k] = static_cast<float>(p[k] + (part.offset[k] - splats.offset[k]));
-    append(splats, part);
+    return result;
   }
 
   static void note_unused(const UsdPrim& prim, LoadReport& report) {

@@ -94,6 +94,41 @@ std::string changed_glb(const std::string& file, const std::function<void(ordere
          text + rest;
 }
 
+// Returns the numbers of a glTF file.
+std::string numbers_of_glb(const std::string& file) {
+  std::uint32_t size = 0;
+  std::memcpy(&size, file.data() + 12, sizeof size);
+  return file.substr(28 + size);
+}
+
+// Returns a data URI in base64.
+std::string data_uri(const std::string& bytes) {
+  constexpr char kDigits[] = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
+  std::string out = "data:application/octet-stream;base64,";
+  std::uint32_t bits = 0;
+  int count = 0;
+  for (const char c : bytes) {
+    bits = bits << 8 | static_cast<unsigned char>(c);
+    for (count += 8; count >= 6; count -= 6) out += kDigits[bits >> (count - 6) & 63];
+  }
+  if (count > 0) out += kDigits[bits << (6 - count) & 63];
+  while ((out.size() - out.find(',') - 1) % 4 != 0) out += '=';
+  return out;
+}
+
+// Returns splats as a text file of glTF whose numbers are in a data URI.
+std::string gltf_text(const ImportedSplats& splats, const std::function<void(ordered_json&)>& change = {}) {
+  const TempFolder folder;
+  write_glb(folder / "a.glb", splats);
+  const std::string file = get(folder / "a.glb");
+  std::uint32_t size = 0;
+  std::memcpy(&size, file.data() + 12, sizeof size);
+  ordered_json document = ordered_json::parse(file.substr(20, size));
+  document["buffers"][0]["uri"] = data_uri(numbers_of_glb(file));
+  if (change) change(document);
+  return document.dump();
+}
+
 // Returns the glTF file with other values of one attribute of its only primitive.
 std::string with_values(std::string file, const std::string& attribute, const std::vector<float>& values) {
   std::uint32_t size = 0;
@@ -486,6 +521,282 @@ TEST_CASE("kinds: glTF with logarithms or logits is distinguished from glTF that
              Contains("accessor 3 (OPACITY): opacities from -") && Contains("0 to 1"));
 }
 
+TEST_CASE("transforms: nodes of glTF rotate, scale, mirror and distort splats with their colours",
+          "[formats]") {
+  const TempFolder folder;
+  for (const int degree : {0, 1, 2, 3}) {
+    INFO(degree);
+    ImportedSplats splats = random_splats(30, degree);
+    splats.log_scales[3][1] = kFlatLogScale;  // a disc
+    write_glb(folder / "a.glb", splats);
+    const auto with = [&](const ordered_json& node) {
+      put(folder / "b.glb",
+          changed_glb(get(folder / "a.glb"), [&](ordered_json& j) { j["nodes"][0] = node; }));
+      return read_foreign_splats(folder / "b.glb");
+    };
+    const std::array<double, 4> q{0.5, -0.3, 0.7, 0.2};
+    const Mat3 turn = turn_matrix(q);
+    const double n = std::sqrt(0.25 + 0.09 + 0.49 + 0.04);
+    const ordered_json rotation{q[1] / n, q[2] / n, q[3] / n, q[0] / n};
+    const auto scaled = [&](double x, double y, double z) {
+      Mat3 m = turn;
+      for (auto& row : m) row[0] *= x, row[1] *= y, row[2] *= z;
+      return m;
+    };
+    const auto check = [&](const ordered_json& node, const Mat3& m, const Vec3& move, bool similar) {
+      INFO(node.dump());
+      const ImportedSplats back = with(node);
+      CHECK(back.report.skipped.empty());
+      CHECK(check_transformed(splats, back, m, move, similar) < 2e-6);
+      CHECK(back.report.notes.empty() == (similar || degree == 0));
+      CHECK(back.log_scales[3][0] > -20);
+      CHECK(std::ranges::min(back.log_scales[3]) < -30);
+    };
+    check({{"mesh", 0}, {"rotation", rotation}}, turn, {0, 0, 0}, true);
+    check({{"mesh", 0}, {"rotation", rotation}, {"scale", {2.5, 2.5, 2.5}}, {"translation", {1, 2, 3}}},
+          scaled(2.5, 2.5, 2.5), {1, 2, 3}, true);
+    check({{"mesh", 0}, {"rotation", rotation}, {"scale", {-1, 1, 1}}}, scaled(-1, 1, 1), {0, 0, 0}, true);
+    check({{"mesh", 0}, {"scale", {-0.5, -0.5, -0.5}}}, turn_matrix({1, 0, 0, 0}, -0.5), {0, 0, 0}, true);
+    check({{"mesh", 0}, {"rotation", rotation}, {"scale", {0.5, 2, 1}}}, scaled(0.5, 2, 1), {0, 0, 0}, false);
+    // A matrix is stored column by column. This one has a shear.
+    check({{"mesh", 0}, {"matrix", {1, 0, 0, 0, 0.5, 1, 0, 0, 0, 0, 1, 0, 4, 5, 6, 1}}},
+          Mat3{{{1, 0.5, 0}, {0, 1, 0}, {0, 0, 1}}}, {4, 5, 6}, false);
+    // Half a turn about x: the same axes as in the file before it was written.
+    const ImportedSplats half = with({{"mesh", 0}, {"rotation", {1, 0, 0, 0}}});
+    for (std::size_t k = 0; k < half.sh.size(); ++k) {
+      const std::size_t coefficient = k / 3 % half.coefficients();
+      const float sign = coefficient == 0 ? 1.0f : kHalfTurnSigns[coefficient - 1];
+      CHECK(half.sh[k] == Approx(sign * splats.sh[k]).margin(1e-7));
+    }
+  }
+}
+
+TEST_CASE("transforms: nodes of glTF form a hierarchy and show meshes several times", "[formats]") {
+  const TempFolder folder;
+  const ImportedSplats splats = random_splats(20, 2);
+  write_glb(folder / "a.glb", splats);
+  const auto with = [&](const std::function<void(ordered_json&)>& change) {
+    put(folder / "b.glb", changed_glb(get(folder / "a.glb"), change));
+    return read_foreign_splats(folder / "b.glb");
+  };
+  const auto nodes = [&](const ordered_json& list, const ordered_json& roots) {
+    return with([&](ordered_json& j) {
+      j["nodes"] = list;
+      if (roots.is_null())
+        j.erase("scenes"), j.erase("scene");
+      else
+        j["scenes"] = {{{"nodes", roots}}};
+    });
+  };
+  const auto refusal = [&](const ordered_json& list, const ordered_json& roots) {
+    return message_of([&] { nodes(list, roots); });
+  };
+  const double h = std::sqrt(0.5);
+  // The parent rotates a quarter turn about z, and the child moves along x.
+  const ordered_json parent{{"children", {1}}, {"rotation", {0, 0, h, h}}, {"scale", {2, 2, 2}}};
+  const ordered_json child{{"mesh", 0}, {"translation", {1, 0, 0}}};
+  const Mat3 turn = turn_matrix({h, 0, 0, h}, 2);
+  for (const ordered_json& roots : {ordered_json{0}, ordered_json()})
+    CHECK(check_transformed(splats, nodes({parent, child}, roots), turn, {0, 2, 0}, true) < 2e-6);
+
+  const ImportedSplats twice =
+      nodes({{{"mesh", 0}}, {{"mesh", 0}, {"rotation", {0, 0, h, h}}, {"scale", {2, 2, 2}}}}, {0, 1});
+  REQUIRE(twice.count() == 40);
+  CHECK(part_of(twice, 0, 20).positions == splats.positions);
+  CHECK(check_transformed(splats, part_of(twice, 20, 20), turn, {0, 0, 0}, true) < 2e-6);
+
+  const auto notes = [&](const ordered_json& list, const ordered_json& roots) {
+    return all_of(nodes(list, roots).report.notes);
+  };
+  const ordered_json moved{{"mesh", 0}, {"translation", {1, 0, 0}}};
+  CHECK(notes(ordered_json::array({moved}), {0}).empty());
+  CHECK_THAT(notes({moved, {{"mesh", 0}, {"scale", {0, 1, 1}}}}, {0, 1}),
+             Contains("1 meshes are not read, because a scale"));
+  CHECK_THAT(
+      notes({moved, {{"mesh", 0}, {"extensions", {{"KHR_node_visibility", {{"visible", false}}}}}}}, {0, 1}),
+      Contains("1 nodes are not visible"));
+  CHECK_THAT(notes(ordered_json::array({ordered_json::object()}), {0}), Contains("no node shows the splats"));
+  CHECK_THAT(all_of(with([&](ordered_json& j) {
+                      j["scenes"].push_back({{"nodes", {0}}});
+                      j["meshes"].push_back(j["meshes"][0]);
+                    }).report.notes),
+             Contains("only scene 0 of 2") && Contains("1 meshes with splats are not used"));
+  CHECK_THAT(refusal({parent, {{"children", {0}}, {"mesh", 0}}}, {0}),
+             Contains("b.glb: node 0 is listed twice"));
+  CHECK_THAT(refusal({parent, child}, {0, 1}), Contains("node 1 is listed twice"));
+  CHECK_THAT(refusal(ordered_json::array({parent}), {0}),
+             Contains("refers to an object that does not exist"));
+  CHECK_THAT(refusal({{{"mesh", 0}, {"rotation", {0, 0, 0, 0}}}}, {0}),
+             Contains("node 0 has a transformation that is not finite"));
+  CHECK_THAT(
+      refusal(
+          {{{"mesh", 0}, {"scale", {1, 1, 1}}, {"matrix", {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1}}}},
+          {0}),
+      Contains("node 0 has a matrix and also"));
+  CHECK_THAT(refusal({{{"mesh", 0}, {"matrix", {1, 0, 0, 1, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1}}}}, {0}),
+             Contains("node 0: the last row of the matrix"));
+
+  // Instances: the values of the first two splats serve as translations, and their rotations as rotations.
+  const auto instanced = [&](const ordered_json& attributes, std::size_t count) {
+    return with([&](ordered_json& j) {
+      for (const int accessor : {0, 1}) {
+        j["accessors"].push_back(j["accessors"][static_cast<std::size_t>(accessor)]);
+        j["accessors"].back()["count"] = count;
+      }
+      j["extensionsRequired"] = {"EXT_mesh_gpu_instancing"};
+      j["nodes"][0] = {{"mesh", 0},
+                       {"scale", {2, 2, 2}},
+                       {"extensions", {{"EXT_mesh_gpu_instancing", {{"attributes", attributes}}}}}};
+    });
+  };
+  std::size_t accessors = 0;
+  with([&](ordered_json& j) { accessors = j["accessors"].size(); });
+  const ImportedSplats many = instanced({{"TRANSLATION", accessors}, {"ROTATION", accessors + 1}}, 2);
+  REQUIRE(many.count() == 40);
+  for (std::size_t i = 0; i < 2; ++i) {
+    const auto& q = splats.rotations[i];
+    const auto& p = splats.positions[i];
+    CHECK(check_transformed(splats, part_of(many, 20 * i, 20), turn_matrix({q[0], q[1], q[2], q[3]}, 2),
+                            {2 * p[0], 2 * p[1], 2 * p[2]}, true, false) < 2e-6);
+  }
+  CHECK_THAT(message_of([&] {
+               instanced({{"TRANSLATION", accessors}, {"ROTATION", 1}}, 2);
+             }),
+             Contains("instances of node 0 have different numbers"));
+  CHECK_THAT(message_of([&] { instanced(ordered_json::object(), 2); }), Contains("have no TRANSLATION"));
+  CHECK_THAT(message_of([&] {
+               instanced({{"TRANSLATION", accessors}}, 1'000'000'000);
+             }),
+             Contains("does not fit into the file"));
+}
+
+TEST_CASE("kinds: glTF text reads its numbers from data URIs and from files in its folder only",
+          "[formats]") {
+  const TempFolder folder;
+  const ImportedSplats splats = random_splats(20, 3);
+  write_glb(folder / "a.glb", splats);
+  const std::string numbers = numbers_of_glb(get(folder / "a.glb"));
+  std::filesystem::create_directories(folder / "in/sub");
+  const auto with_uri = [&](const std::string& uri) {
+    put(folder / "in/a.gltf", gltf_text(splats, [&](ordered_json& j) { j["buffers"][0]["uri"] = uri; }));
+    return message_of([&] {
+      const ImportedSplats back = read_foreign_splats(folder / "in/a.gltf");
+      CHECK(back.positions == splats.positions);
+      CHECK(back.sh == splats.sh);
+      CHECK(back.report.notes.empty());
+    });
+  };
+  put(folder / "in/plain.gltf", "\xef\xbb\xbf" + gltf_text(splats));
+  CHECK(detect_splat_format(folder / "in/plain.gltf").name == "gltf");
+  CHECK(read_foreign_splats(folder / "in/plain.gltf").sh == splats.sh);
+  put(folder / "in/a.bin", numbers);
+  put(folder / "in/sub/a b.bin", numbers + "and more");
+  put(folder / "out.bin", numbers);
+  CHECK(with_uri("a.bin").empty());
+  CHECK(with_uri("sub/a%20b.bin").empty());
+  CHECK_THAT(with_uri("../out.bin"), Contains("a.gltf: the file '../out.bin' is not in the same folder"));
+  CHECK_THAT(with_uri("%2e%2e/out.bin"), Contains("is not in the same folder"));
+  CHECK_THAT(with_uri((folder / "out.bin").string()), Contains("is not in the same folder"));
+  std::filesystem::create_symlink(folder / "out.bin", folder / "in/link.bin");
+  std::filesystem::create_symlink(folder.path(), folder / "in/up");
+  CHECK_THAT(with_uri("link.bin"), Contains("is a link that leads out of the folder"));
+  CHECK_THAT(with_uri("up/out.bin"), Contains("is a link that leads out of the folder"));
+  std::filesystem::create_symlink(folder / "in/a.bin", folder / "in/inner.bin");
+  CHECK(with_uri("inner.bin").empty());
+  CHECK_THAT(with_uri("missing.bin"), Contains("missing.bin"));
+  CHECK_THAT(with_uri("https://example.org/a.bin"), Contains("at the address 'https://example.org/a.bin'"));
+  CHECK_THAT(with_uri("data:,abc"), Contains("not in base64"));
+  CHECK_THAT(with_uri("data:x;base64,AA*A"), Contains("character 2 of a data URI"));
+  put(folder / "in/a.bin", numbers.substr(0, numbers.size() - 1));
+  CHECK_THAT(with_uri("a.bin"), Contains("a.gltf: truncated: buffer 0 has"));
+  // A binary file may have some of its numbers in another file. parse_glb() reads no other files.
+  put(folder / "in/a.bin", numbers);
+  const std::string glb =
+      changed_glb(get(folder / "a.glb"), [](ordered_json& j) { j["buffers"][0]["uri"] = "a.bin"; });
+  put(folder / "in/b.glb", glb);
+  CHECK(read_foreign_splats(folder / "in/b.glb").positions == splats.positions);
+  CHECK_THAT(message_of([&] { parse_glb(std::as_bytes(std::span(glb)), "b.glb"); }),
+             Contains("b.glb: the file 'a.bin' is not in this file"));
+  // A text file that is cut anywhere is an error.
+  const std::string text = gltf_text(random_splats(1, 0));
+  for (std::size_t size = 0; size < text.size(); size += 7) {
+    put(folder / "in/a.gltf", text.substr(0, size));
+    CHECK(!message_of([&] { load_splat_model(folder / "in/a.gltf"); }).empty());
+  }
+}
+
+TEST_CASE("kinds: attributes of early drafts of KHR_gaussian_splatting are read", "[formats]") {
+  const TempFolder folder;
+  const ImportedSplats splats = random_splats(20, 1);
+  // COLOR_0 is in a second buffer.
+  std::string colours;
+  for (std::size_t i = 0; i < 20; ++i)
+    for (std::size_t c = 0; c < 4; ++c) {
+      const auto v = static_cast<float>(c < 3 ? splats.sh[12 * i + c] * kShC0 + 0.5
+                                              : sigmoid_of(splats.opacity_logits[i]));
+      colours.append(reinterpret_cast<const char*>(&v), sizeof v);
+    }
+  const auto with = [&](const std::function<void(ordered_json&)>& change) {
+    put(folder / "a.gltf", gltf_text(splats, [&](ordered_json& j) {
+          ordered_json& attributes = j["meshes"][0]["primitives"][0]["attributes"];
+          attributes.erase("KHR_gaussian_splatting:OPACITY");
+          attributes.erase("KHR_gaussian_splatting:SH_DEGREE_0_COEF_0");
+          attributes["COLOR_0"] = j["accessors"].size();
+          j["accessors"].push_back({{"bufferView", j["bufferViews"].size()},
+                                    {"componentType", 5126},
+                                    {"count", 20},
+                                    {"type", "VEC4"}});
+          j["bufferViews"].push_back({{"buffer", 1}, {"byteOffset", 0}, {"byteLength", colours.size()}});
+          j["buffers"].push_back({{"byteLength", colours.size()}, {"uri", data_uri(colours)}});
+          change(j);
+        }));
+    return read_foreign_splats(folder / "a.gltf");
+  };
+  const auto oldest = [](ordered_json& j) {
+    ordered_json& attributes = j["meshes"][0]["primitives"][0]["attributes"];
+    ordered_json renamed;
+    for (const auto& [key, value] : attributes.items())
+      renamed[key.starts_with("KHR") ? "_" + key.substr(key.find(':') + 1) : key] = value;
+    attributes = renamed;
+    j["meshes"][0]["primitives"][0]["extensions"]["KHR_gaussian_splatting"] = ordered_json::object();
+  };
+  for (const auto& change : {std::function<void(ordered_json&)>([](ordered_json&) {}),
+                             std::function<void(ordered_json&)>(oldest)}) {
+    const ImportedSplats back = with(change);
+    const Differences d = compare(splats, back);
+    CHECK(back.positions == splats.positions);
+    CHECK(back.sh_degree == 1);
+    CHECK(d.rest == 0);
+    CHECK(d.dc < 1e-6);
+    CHECK(d.opacity < 1e-6);
+    CHECK(d.log_scale < 2e-6);
+    CHECK_THAT(all_of(back.report.notes),
+               Contains("COLOR_0 is the colour or the opacity") && !Contains("not used"));
+  }
+  CHECK_THAT(all_of(with(oldest).report.notes), Contains("names of an early draft"));
+  CHECK_THAT(message_of([&] { with([](ordered_json& j) { j["accessors"].back()["type"] = "VEC3"; }); }),
+             Contains("is not of the type VEC4"));
+  CHECK_THAT(message_of([&] {
+               with([](ordered_json& j) { j["meshes"][0]["primitives"][0]["attributes"].erase("COLOR_0"); });
+             }),
+             Contains("the attribute KHR_gaussian_splatting:OPACITY is missing"));
+  CHECK_THAT(
+      message_of([&] {
+        with([](ordered_json& j) {
+          j["meshes"][0]["primitives"][0]["extensions"]["KHR_gaussian_splatting"]["quantizedPositionScale"] =
+              2;
+        });
+      }),
+      Contains("quantizedPositionScale"));
+  CHECK_THAT(message_of([&] {
+               with([](ordered_json& j) {
+                 j["meshes"][0]["primitives"][0]["extensions"] = {
+                     {"KHR_spz_gaussian_splats_compression", {{"bufferView", 0}}}};
+               });
+             }),
+             Contains("the extension KHR_spz_gaussian_splats_compression is not supported"));
+}
+
 TEST_CASE("kinds: errors describe files without splats", "[formats]") {
   const TempFolder folder;
   const std::string ply = "ply\nformat binary_little_endian 1.0\nelement vertex 2\n";
@@ -519,7 +830,7 @@ TEST_CASE("kinds: errors describe files without splats", "[formats]") {
       {"x.gz", text("something else"), "compressed with gzip: unpack it first"},
       {"a.7z", "7z\xbc\xaf and more", "an archive: unpack it first"},
       {"transforms.json", R"({"frames": []})", "cameras of a data folder, no splats"},
-      {"a.gltf", R"({"asset": {}, "meshes": []})", "save it as one binary file (.glb)"},
+      {"gltf.json", R"({"asset": {}, "meshes": []})", "its name must end with .gltf"},
       {"cameras.json", R"([{"id": 0, "img_name": "a", "rotation": [], "fx": 1}])",
        "cameras of a data folder, no splats"},
       {"list.json", "[]", "a JSON file, no splats"},
@@ -734,6 +1045,12 @@ TEST_CASE("notes: every reader reports the parts of a file that it does not use"
          write_glb(path, splats);
          put(path, changed_glb(get(path), [](ordered_json& document) {
                document["meshes"][0]["primitives"].push_back({{"attributes", {{"POSITION", 0}}}});
+             }));
+       }},
+      {"gltf",
+       [&](const auto& path) {
+         put(path, gltf_text(splats, [](ordered_json& document) {
+               document["meshes"][0]["primitives"][0]["attributes"]["_surplus"] = 1;
              }));
        }},
       {"usda",

@@ -338,13 +338,87 @@ def ParticleField3DGaussianSplat "T" { point3f[] positions = [(1, 1, 1)]
   CHECK_THAT(notes_of(joined), Contains("T: opacities has more values"));
 }
 
+TEST_CASE("usd: the operations of the hierarchy rotate, scale and distort splats with their colours",
+          "[formats]") {
+  const TempFolder folder;
+  const ImportedSplats splats = random_splats(30, 3);
+  write_usda(folder / "a.usda", splats);
+  const std::string text = get(folder / "a.usda");
+  // Returns the splats of a prim with these operations, below prims with other operations.
+  const auto with = [&](const std::string& own, const std::string& above = "", const std::string& top = "",
+                        const std::string& axis = "Y") {
+    std::string prim = text.substr(text.find("def "));
+    prim.insert(prim.rfind('}'), own);
+    return parsed("#usda 1.0\n( upAxis = \"" + axis + "\" )\ndef Xform \"T\" {\n" + top +
+                  "def Xform \"A\" {\n" + above + prim + "}\n}\n");
+  };
+  const auto list = [](const std::string& names) {
+    return "uniform token[] xformOpOrder = [" + names + "]\n";
+  };
+  const auto one = [&](const std::string& type, const std::string& name, const std::string& value) {
+    return type + " xformOp:" + name + " = " + value + "\n" + list("\"xformOp:" + name + "\"");
+  };
+  const double h = std::sqrt(0.5);
+  const Mat3 about_x = turn_matrix({h, h, 0, 0}), about_y = turn_matrix({h, 0, h, 0}),
+             about_z = turn_matrix({h, 0, 0, h});
+  const auto times = [](const Mat3& a, const Mat3& b) {
+    Mat3 c{};
+    for (std::size_t i = 0; i < 3; ++i)
+      for (std::size_t j = 0; j < 3; ++j)
+        for (std::size_t k = 0; k < 3; ++k) c[i][j] += a[i][k] * b[k][j];
+    return c;
+  };
+  const auto check = [&](const ImportedSplats& back, const Mat3& m, const Vec3& move, bool similar = true) {
+    CHECK(check_transformed(splats, back, m, move, similar) < 3e-6);
+    CHECK(contains(notes_of(back), "only rotated") == !similar);
+  };
+  check(with(one("float", "rotateX", "90")), about_x, {0, 0, 0});
+  check(with(one("float", "rotateY:a", "90")), about_y, {0, 0, 0});
+  check(with(one("double", "rotateZ", "450")), about_z, {0, 0, 0});
+  check(with(one("float3", "rotateXYZ", "(90, 90, 0)")), times(about_y, about_x), {0, 0, 0});
+  check(with(one("float3", "rotateZXY", "(90, 90, 90)")), times(about_y, times(about_x, about_z)), {0, 0, 0});
+  check(with(one("quatf", "orient", "(2, -0.5, 1, 0.25)")), turn_matrix({2, -0.5, 1, 0.25}), {0, 0, 0});
+  check(with(one("float3", "scale", "(3, 3, 3)")), turn_matrix({1, 0, 0, 0}, 3), {0, 0, 0});
+  check(with(one("float3", "scale", "(1, 1, -1)")), Mat3{{{1, 0, 0}, {0, 1, 0}, {0, 0, -1}}}, {0, 0, 0});
+  check(with(one("double", "scaleY", "2")), Mat3{{{1, 0, 0}, {0, 2, 0}, {0, 0, 1}}}, {0, 0, 0}, false);
+  check(with(one("double", "translateZ", "7")), turn_matrix({1, 0, 0, 0}), {0, 0, 7});
+  // The rows of a matrix are the images of the axes. This is a quarter turn about z.
+  check(with(one("matrix4d", "transform", "((0, 1, 0, 0), (-1, 0, 0, 0), (0, 0, 1, 0), (4, 5, 6, 1))")),
+        about_z, {4, 5, 6});
+  // The last operation of the list is applied first; that of the prims above is applied last.
+  const std::string two = "double3 xformOp:translate = (1, 2, 3)\nfloat xformOp:rotateZ = 90\n";
+  check(with(two + list("\"xformOp:translate\", \"xformOp:rotateZ\"")), about_z, {1, 2, 3});
+  check(with(two + list("\"xformOp:rotateZ\", \"xformOp:translate\"")), about_z, {-2, 1, 3});
+  check(with(two + list("\"!invert!xformOp:rotateZ\", \"xformOp:translate\"")), turn_matrix({h, 0, 0, -h}),
+        {2, -1, 3});
+  check(with(one("double3", "translate", "(1, 2, 3)"), one("float", "rotateZ", "90"),
+             one("float3", "scale", "(2, 2, 2)")),
+        turn_matrix({h, 0, 0, h}, 2), {-4, 2, 6});
+  check(with("float xformOp:rotateX = 90\n" + list("\"!resetXformStack!\", \"xformOp:rotateX\""),
+             one("float3", "scale", "(9, 9, 9)")),
+        about_x, {0, 0, 0});
+  // With z up, the axes are not converted.
+  const ImportedSplats plain = with("", "", "", "Z");
+  CHECK(check_transformed(plain, with(one("float", "rotateX", "90"), "", "", "Z"), about_x, {0, 0, 0}, true,
+                          false) < 3e-6);
+}
+
 TEST_CASE("usd: errors describe what cannot be read", "[formats]") {
   const auto with = [](const std::string& more) { return refusal_of(layer_of(more)); };
   const std::string op = "  uniform token[] xformOpOrder = [\"xformOp:";
-  CHECK_THAT(with("  float xformOp:rotateX = 90\n" + op + "rotateX\"]\n"),
-             Contains("t.usda: the prim S has the operation xformOp:rotateX: only translations"));
-  CHECK_THAT(with("  float3 xformOp:scale = (1, 2, 1)\n" + op + "scale\"]\n"), Contains("only translations"));
-  CHECK_THAT(with("  float xformOp:rotateX = nan\n" + op + "rotateX\"]\n"), Contains("only translations"));
+  CHECK_THAT(with("  float3 xformOp:scale = (1, 0, 1)\n" + op + "scale\"]\n"),
+             Contains("t.usda: the prim S has the operation xformOp:scale: it has no inverse"));
+  CHECK_THAT(with("  float xformOp:rotateX = nan\n" + op + "rotateX\"]\n"),
+             Contains("xformOp:rotateX: its value is not a finite transformation"));
+  CHECK_THAT(with("  quatf xformOp:orient = (0, 0, 0, 0)\n" + op + "orient\"]\n"), Contains("not a finite"));
+  CHECK_THAT(with("  float2 xformOp:rotateXY = (1, 2)\n" + op + "rotateXY\"]\n"),
+             Contains("xformOp:rotateXY: it is not supported"));
+  CHECK_THAT(
+      with("  matrix4d xformOp:transform = ((1, 0, 0, 1), (0, 1, 0, 0), (0, 0, 1, 0), (0, 0, 0, 1))\n" + op +
+           "transform\"]\n"),
+      Contains("xformOp:transform: it is not supported"));
+  CHECK_THAT(refusal_of("#usda 1.0\ndef PointInstancer \"I\" {\n" + layer_of("").substr(10) + "}\n"),
+             Contains("the prim S belongs to the PointInstancer I, which is not supported"));
   CHECK(with("  float xformOp:rotateX = 90\n").empty());  // xformOpOrder does not list this operation
   CHECK_THAT(with("  float3[] scales = [(-1, -2, -3)]\n"),
              Contains("linear scales (the file may contain logarithms)"));
