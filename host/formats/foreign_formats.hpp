@@ -155,6 +155,11 @@ bool antialias_comment(std::span<const std::string> comments, LoadReport& report
 // Returns the comment that offset_comment() reads.
 std::string make_offset_comment(const std::array<double, 3>& offset);
 
+// Throws Error(data) if there are no splats. Every writer calls this function before it creates a file,
+// because other programs cannot open files without splats, and a .splat file without any could not be
+// recognised.
+void require_splats(const std::filesystem::path& path, const ImportedSplats& splats);
+
 inline float sigmoid_of(float logit) { return 1.0f / (1.0f + std::exp(-logit)); }
 inline float logit_of(double p) {
   if (p <= 0) return -kMaxLogit;

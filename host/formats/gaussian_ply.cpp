@@ -239,6 +239,7 @@ ImportedSplats read_gaussian_ply(const fs::path& path) {
 }
 
 void write_gaussian_ply(const fs::path& path, const ImportedSplats& splats) {
+  require_splats(path, splats);
   const int degree = std::min(splats.sh_degree, 3);
   const std::size_t coefficients = splats.coefficients();
   const std::size_t higher = static_cast<std::size_t>((degree + 1) * (degree + 1)) - 1;

@@ -272,7 +272,7 @@ void check_kernel(const Json& splatting, const std::string& name) {
 void write_glb(const std::filesystem::path& path, const ImportedSplats& splats) {
   const std::size_t n = splats.count(), coefficients = splats.coefficients();
   const int degree = std::min(splats.sh_degree, 3);
-  if (n == 0) fail(ErrorKind::data, "{}: a glTF file needs at least one splat", path.string());
+  require_splats(path, splats);
   if (n > 0xf0000000u / (4 * (11 + 3 * static_cast<std::size_t>((degree + 1) * (degree + 1)))))
     fail(ErrorKind::data, "{}: {} splats do not fit into the 4 GB of a glTF file", path.string(), n);
   GlbWriter out;

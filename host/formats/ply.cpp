@@ -209,6 +209,8 @@ void write_rows(AtomicFile& file, const SplatModel& model) {
 
 void write_groups(const std::filesystem::path& path, std::span<const SplatModel> groups,
                   std::span<const std::string> comments) {
+  if (std::ranges::all_of(groups, [](const SplatModel& group) { return group.count == 0; }))
+    fail(ErrorKind::data, "{}: there are no splats to write", path.string());
   for (const SplatModel& group : groups) check_writable(group, path);
   AtomicFile file(path);
   file.write(header_text(groups, comments));

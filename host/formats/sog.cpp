@@ -358,7 +358,7 @@ void write_sog(const std::filesystem::path& path, const ImportedSplats& splats) 
   const std::size_t n = splats.count(), all = splats.coefficients();
   const int degree = std::min(splats.sh_degree, 3);
   const std::size_t higher = static_cast<std::size_t>((degree + 1) * (degree + 1)) - 1;
-  if (n == 0) fail(ErrorKind::data, "{}: a SOG file needs at least one splat", path.string());
+  require_splats(path, splats);
   std::array<double, 3> low, high;
   low.fill(INFINITY), high.fill(-INFINITY);
   for (const auto& p : splats.positions)

@@ -52,8 +52,7 @@ ImportedSplats read_splat32(const std::filesystem::path& path) {
 }
 
 void write_splat32(const std::filesystem::path& path, const ImportedSplats& splats) {
-  // An empty file is refused, because it could not be recognised as this format when it is read.
-  if (splats.count() == 0) fail(ErrorKind::data, "{}: a .splat file needs at least one splat", path.string());
+  require_splats(path, splats);
   AtomicFile file(path);
   for (std::size_t i = 0; i < splats.count(); ++i) {
     std::array<float, 6> numbers{};

@@ -355,7 +355,8 @@ ImportedSplats read_as(const SplatFormat& format, const fs::path& path, std::opt
   ImportedSplats splats = time ? format.read_at(path, *time) : format.read(path);
   std::size_t dropped = 0;
   for (const LoadReport::Skipped& skipped : splats.report.skipped) dropped += skipped.count;
-  if (splats.count() == 0 && dropped > 0)
+  if (splats.count() == 0 && dropped == 0) fail(ErrorKind::data, "{}: the file has no splats", path.string());
+  if (splats.count() == 0)
     fail(ErrorKind::data, "{}: none of its {} splats can be rendered: {}", path.string(), dropped,
          splats.report.skipped.front().why);
   // The offset of a PLY file is a comment of ubs. Those of other files are translations.
@@ -453,6 +454,10 @@ ImportedSplats read_foreign_splats(const fs::path& path, std::optional<double> t
   return read_as(format, path, time);
 }
 
+void require_splats(const fs::path& path, const ImportedSplats& splats) {
+  if (splats.count() == 0) fail(ErrorKind::data, "{}: there are no splats to write", path.string());
+}
+
 void write_foreign_splats(const SplatFormat& format, const fs::path& path, const ImportedSplats& splats) {
   if (!format.keeps_offset && splats.offset != std::array<double, 3>{})
     warn("{}: the offset {} is lost, because this format cannot store it", path.string(),
@@ -487,6 +492,7 @@ LoadedModel load_splat_model(const fs::path& given, std::optional<double> time) 
     if (time) fail(ErrorKind::usage, "{}: this file has no time samples to choose from", path.string());
     loaded.model = is_ubsz(start_of(path)) ? read_ubsz(path, &loaded.comments)
                                            : read_mixed_ply(path, &loaded.comments, &loaded.remarks);
+    if (loaded.model.count() == 0) fail(ErrorKind::data, "{}: the file has no splats", path.string());
     loaded.offset = offset_comment(loaded.comments, path.string());
     loaded.notes = notes_of(loaded.comments, path.string());
     return loaded;

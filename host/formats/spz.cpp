@@ -313,6 +313,7 @@ ImportedSplats read_spz(const std::filesystem::path& path) {
 }
 
 void write_spz(const std::filesystem::path& path, const ImportedSplats& splats) {
+  require_splats(path, splats);
   const double largest = largest_coordinate(splats);
   const int bits = fraction_bits_for(largest), degree = std::min(splats.sh_degree, 3);
   if (std::ldexp(largest, bits) > kMostSteps)

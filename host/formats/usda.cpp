@@ -121,7 +121,6 @@ std::array<std::array<float, 3>, 2> usd_extent(const ImportedSplats& splats) {
     }
   }
   std::array<std::array<float, 3>, 2> corners{};
-  if (splats.count() == 0) return corners;
   constexpr float kInfinity = std::numeric_limits<float>::infinity();
   for (std::size_t a = 0; a < 3; ++a) {
     corners[0][a] = std::nextafter(static_cast<float>(low[a]), -kInfinity);
@@ -150,8 +149,7 @@ bool same_in_all(std::span<const ImportedSplats> moments, auto ImportedSplats::*
 
 void write_usd_moments(const std::filesystem::path& path, std::span<const ImportedSplats> moments) {
   const std::size_t n = moments.size();
-  if (std::ranges::all_of(moments, [](const ImportedSplats& splats) { return splats.count() == 0; }))
-    fail(ErrorKind::data, "{}: a USD file needs at least one splat", path.string());
+  for (const ImportedSplats& splats : moments) require_splats(path, splats);
   for (std::size_t m = 0; m < n; ++m) check_usd_moment(path, moments[m], SplatSeries::sh(moments, m));
   const ImportedSplats& first = moments.front();
   const int degree = std::min(first.sh_degree, 3);

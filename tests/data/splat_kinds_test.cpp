@@ -8,6 +8,7 @@
 #include "host/formats/gaussian_model.hpp"
 #include "host/formats/ply.hpp"
 #include "host/formats/splat_file.hpp"
+#include "host/formats/splat_series.hpp"
 #include "host/formats/webp.hpp"
 #include "host/formats/zip.hpp"
 #include "host/settings/fields.hpp"
@@ -953,6 +954,57 @@ TEST_CASE("kinds: a file without any valid splat is an error", "[formats]") {
                            std::function<void()>([&] { load_splat_model(folder / "a.ply"); })})
     CHECK_THAT(message_of(read),
                Contains("none of its 12 splats can be rendered: the rotation is not a quaternion"));
+}
+
+TEST_CASE("kinds: files without splats are neither written nor read", "[formats]") {
+  const TempFolder folder;
+  ImportedSplats none = random_splats(0, 1);
+  for (const SplatFormat& format : splat_formats()) {
+    INFO(format.name);
+    none.kernel = format.holds == SplatFormat::Holds::beta ? SpatialKernel::beta : SpatialKernel::gaussian;
+    const std::filesystem::path path = folder / fmt::format("none{}", format.extension);
+    if (format.write && format.name != "usdc")  // OpenUSD converts the text that the writer of usda writes
+      CHECK(message_of([&] { write_foreign_splats(format, path, none); }) ==
+            path.string() + ": there are no splats to write");
+    if (format.write_series && format.name != "usdc")
+      CHECK_THAT(message_of([&] { format.write_series(path, SplatSeries({none})); }), Contains("no splats"));
+    CHECK(!std::filesystem::exists(path));
+  }
+  CHECK_THAT(message_of([&] { write_splat_ply(folder / "none.ply", SplatModel(7, 0)); }),
+             Contains("none.ply: there are no splats to write"));
+  CHECK(!std::filesystem::exists(folder / "none.ply"));
+
+  // Files of which only the number of splats was changed.
+  const ImportedSplats one = random_splats(1, 0);
+  const auto refusal = [&](const char* name, const std::string& file) {
+    put(folder / name, file);
+    return message_of([&] { load_splat_model(folder / name); });
+  };
+  const auto ply_header = [&](const std::string& file) {
+    return replaced(file.substr(0, file.find("end_header\n") + 11), "vertex 1", "vertex 0");
+  };
+  const auto empty = Contains(": the file has no splats");
+  CHECK_THAT(refusal("a.ply", ply_header(ply_of(one))), empty);
+  CHECK_THAT(refusal("b.ply", ply_header(ply_of(one, {.ascii = true}))), empty);
+  CHECK_THAT(refusal("c.ply", replaced(ply_header(compressed_ply("", "")), "chunk 1", "chunk 0")), empty);
+  write_splat_ply(folder / "d.ply", SplatModel(7, 1));
+  CHECK_THAT(refusal("d.ply", ply_header(get(folder / "d.ply"))), empty);
+  CHECK_THAT(refusal("a.gltf", gltf_text(one,
+                                         [](ordered_json& j) {
+                                           for (ordered_json& accessor : j["accessors"])
+                                             accessor["count"] = 0;
+                                         })),
+             empty);
+  CHECK_THAT(
+      refusal("a.usda", "#usda 1.0\ndef ParticleField3DGaussianSplat \"S\" { point3f[] positions = [] }\n"),
+      empty);
+  write_spz(folder / "a.spz", one);
+  const std::string packed = get(folder / "a.spz");
+  std::vector<std::byte> plain = inflate_gzip(std::as_bytes(std::span(packed)), 1 << 16, "test");
+  plain.resize(16);
+  plain[8] = std::byte{0};
+  CHECK_THAT(refusal("a.spz", text_of(deflate_gzip(plain))), empty);
+  CHECK_THAT(refusal("a.splat", ""), Contains("an empty file"));
 }
 
 TEST_CASE("kinds: notes shorten lists of numbered names", "[formats]") {

@@ -84,7 +84,7 @@ TEST_CASE("variants: a model file stores its variant", "[variants][ply]") {
     for (const auto& [key, value] : non_default_switches(v.variant))
       CHECK_THAT(get(folder / "a.ply"), Contains("comment ubs " + key + " " + value + "\n"));
   }
-  write_splat_ply(folder / "default.ply", numbered_model(6, {}));
+  write_splat_ply(folder / "default.ply", numbered_model(6, ModelVariant{}));
   CHECK_THAT(get(folder / "default.ply"), !Contains("comment"));
 }
 
