@@ -477,6 +477,7 @@ int run(ConvertOptions& options) {
   if (options.fit_requested()) choose_device(list_devices(), options.device);
   using Holds = SplatFormat::Holds;
   const SplatFormat& source = detect_splat_format(options.from);
+  check_splat_name(options.to);
   const SplatFormat& format = target_format(options, source);
   const bool exports = source.ours() && format.holds == Holds::gaussians;
   if ((options.distill != "auto" || options.series > 0) && !exports)

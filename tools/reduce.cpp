@@ -14,6 +14,7 @@
 #include "host/base/file.hpp"
 #include "host/formats/foreign_formats.hpp"
 #include "host/formats/ply.hpp"
+#include "host/formats/splat_file.hpp"
 #include "host/run/open_data.hpp"
 #include "host/run/run_cameras.hpp"
 #include "host/run/verified_device.hpp"
@@ -227,6 +228,7 @@ void check(const ReduceOptions& options) {
   }
   check_output_files({options.out, options.effects}, {options.model, options.data}, options.overwrite);
   check_extension(options.out, "a UBS model", {".ply"});
+  check_splat_name(options.out);
   check_extension(options.effects, "CSV", {".csv"});
 }
 

@@ -9,6 +9,7 @@
 #include "host/base/warning.hpp"
 #include "host/capi/handles.hpp"
 #include "host/formats/ply.hpp"
+#include "host/formats/splat_file.hpp"
 #include "host/model/export_model.hpp"
 #include "host/model/model_session.hpp"
 #include "host/run/training_run.hpp"
@@ -31,6 +32,7 @@ void check_count(std::uint64_t splats) {
 }
 
 void save(const LoadedModel& loaded, const std::string& path, const std::string& format, double time) {
+  check_splat_name(path);
   const SplatFormat* by_name = format_of_extension(path);
   if (format == "auto" && !by_name)
     fail(ErrorKind::usage, "{}: no format has the extension '{}': choose one of the formats {}", path,

@@ -405,6 +405,43 @@ const SplatFormat* format_of_extension(const fs::path& path) {
   return found == std::end(kFormats) ? nullptr : &*found;
 }
 
+void check_splat_name(const fs::path& path) {
+  // Ends of names of splat files and archives, and what they state.
+  constexpr std::pair<std::string_view, std::string_view> kNotWritten[] = {
+      {".compressed.ply", "SuperSplat compressed PLY"},
+      {".gltf", "glTF text"},
+      {".usdz", "a USD archive"},
+      {".ksplat", "GaussianSplats3D"},
+      {".splatv", "splats with motion"},
+      {".splat4d", "splats with motion"},
+      {".4dgs", "splats with motion"},
+      {".lcc", "XGRIDS LCC"},
+      {".rad", "Spark RAD"},
+      {".spx", "SPX"},
+      {".gz", "compression"},
+      {".zst", "compression"},
+      {".xz", "compression"},
+      {".bz2", "compression"},
+      {".br", "compression"},
+      {".zip", "an archive"},
+      {".tar", "an archive"},
+      {".tgz", "an archive"},
+      {".7z", "an archive"},
+      {".pt", "a PyTorch file"},
+      {".pth", "a PyTorch file"},
+      {".ckpt", "a PyTorch file"},
+      {".npz", "arrays of NumPy"},
+      {".npy", "arrays of NumPy"},
+      {".json", "JSON"}};
+  std::string name = path.filename().string();
+  std::ranges::transform(name, name.begin(),
+                         [](char c) { return c >= 'A' && c <= 'Z' ? static_cast<char>(c - 'A' + 'a') : c; });
+  for (const auto& [end, what] : kNotWritten)
+    if (name.ends_with(end))
+      fail(ErrorKind::usage, "{}: the name ends with {} ({}), which cannot be written: choose another name",
+           path.string(), end, what);
+}
+
 const SplatFormat& detect_splat_format(const fs::path& path) {
   const FileStart start = start_of(path);
   if (const SplatFormat* format = format_of(start)) return *format;

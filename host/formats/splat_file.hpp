@@ -81,6 +81,9 @@ const SplatFormat& splat_format(std::string_view name);
 // Returns the format in which a file with the extension of `path` is written, or null if there is none. For
 // .ply, this is the format of ubs.
 const SplatFormat* format_of_extension(const std::filesystem::path& path);
+// Throws Error(usage) if the end of the name of an output file states a form of splats, or a compression,
+// that no writer creates, such as .compressed.ply, .ply.gz or .usdz.
+void check_splat_name(const std::filesystem::path& path);
 // Returns the format of a file. If the file contains no splats, throws Error(data) with a message that says
 // which kind of file it is, for example a point cloud or a ZIP archive.
 const SplatFormat& detect_splat_format(const std::filesystem::path& path);

@@ -57,6 +57,14 @@ TEST_CASE("cli: convert reads and writes many formats, and reports what a format
   ubs_ok(folder, "convert g.ply u.ply");
   CHECK(to_string(read_splat_ply(folder / "u.ply").variant) ==
         "rot_mode quaternion, kernel gaussian, colour sh0");
+  for (const char* arguments :
+       {"x.compressed.ply", "X.Compressed.PLY", "x.compressed.ply --to 3dgs", "x.ply.gz --to 3dgs",
+        "x.spz.gz", "x.usdz --to usda", "x.gltf --to glb", "x.sog.zip --to sog", "x.ksplat"})
+    check_error(folder, fmt::format("convert g.ply {}", arguments), 2, "which cannot be written");
+  check_error(folder, "reduce u.ply --out x.compressed.ply --splats 1", 2, "(SuperSplat compressed PLY)");
+  for (const char* name :
+       {"x.compressed.ply", "X.Compressed.PLY", "x.ply.gz", "x.usdz", "x.gltf", "x.sog.zip"})
+    CHECK(!std::filesystem::exists(folder / name));
   write_splat_ply(folder / "b.ply", faint_ball(3));
   ubs_ok(folder, "convert b.ply d.ply --to dbs");
   CHECK(detect_splat_format(folder / "d.ply").name == "dbs");
