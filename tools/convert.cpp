@@ -11,6 +11,7 @@
 #include <memory>
 
 #include "host/base/error.hpp"
+#include "host/base/memory_limit.hpp"
 #include "host/base/paths.hpp"
 #include "host/device/registry.hpp"
 #include "host/formats/gaussian_model.hpp"
@@ -205,23 +206,6 @@ ReduceOptions reduction(const ConvertOptions& options, const LoadedModel& loaded
   return reduction;
 }
 
-// Writes the time samples of a series into one file. Distilled time samples are trained separately, so their
-// splats do not correspond.
-void write_moments(const ConvertOptions& options, const SplatFormat& format, SplatSeries series,
-                   float least_opacity, std::vector<std::string>& remarks, Json& json) {
-  if (json.contains("distilled") || !series.finish(least_opacity)) {
-    series.keep_apart();
-    remarks.emplace_back(
-        "the splats of different time samples do not correspond, so other programs show each time sample "
-        "until the next one");
-  }
-  for (std::string& remark : format_remarks(format, series.moments().front()))
-    remarks.push_back(std::move(remark));
-  format.write_series(options.to, series);
-  json["splats"] = series.largest_count();
-  json["moments"] = series.size();
-}
-
 [[noreturn]] void refuse_degree() {
   fail(ErrorKind::usage, "--degree requires that the Gaussians are fitted to the model: pass --distill TIME");
 }
@@ -319,62 +303,109 @@ ImportedSplats fitted(const ConvertOptions& options, Distiller& distiller, doubl
   return distilled.splats;
 }
 
+void add_remarks(std::vector<std::string>& remarks, std::vector<std::string> more) {
+  for (std::string& remark : more)
+    if (std::ranges::find(remarks, remark) == remarks.end()) remarks.push_back(std::move(remark));
+}
+
+// Exports several time samples of a dynamic model, as several files or as one. Splat i is the same splat at
+// all time samples.
+Json export_series(const ConvertOptions& options, const SplatFormat& format, const LoadedModel& loaded,
+                   ReduceOptions reduce, std::optional<Distiller>& distiller,
+                   std::vector<std::string>& remarks) {
+  Json json = Json::object();
+  remarks.push_back(
+      fmt::format("{} time samples from time 0 to 1; rule for the opacity over all view directions: {}",
+                  options.series, options.opacity));
+  // Splats that are invisible at some times are kept until all time samples are known.
+  const float least_opacity = reduce.least_opacity;
+  reduce.least_opacity = 0;
+  const auto time_of = [&](std::size_t moment) {
+    return static_cast<double>(moment) / (options.series - 1.0);
+  };
+  SplatSeries series;
+  for (std::size_t moment = 0; moment < static_cast<std::size_t>(options.series); ++moment) {
+    reduce.time = time_of(moment);
+    std::vector<std::string> said;
+    series.add(exported_splats(format, loaded.model, loaded.offset, reduce, said));
+    std::erase_if(said, [](const std::string& remark) { return remark.starts_with("exported for time "); });
+    add_remarks(remarks, std::move(said));
+    const ImportedSplats& first = series.moments().front();
+    if (moment == 0)  // a position, a rotation, three scales and an opacity
+      require_memory(44 * first.count() * static_cast<std::size_t>(options.series - 1),
+                     fmt::format("{} time samples of {} splats", options.series, first.count()));
+  }
+  const bool corresponds = series.finish(least_opacity);
+  if (distiller) {
+    SplatSeries trained;
+    for (std::size_t moment = 0; moment < series.size(); ++moment)
+      trained.add(fitted(options, *distiller, time_of(moment), series.moment(moment), remarks, json));
+    series = std::move(trained);
+  }
+  if (!corresponds)
+    remarks.emplace_back(
+        "the time samples have different numbers of splats, because some cannot be rendered at all times");
+  add_remarks(remarks, format_remarks(format, series.moments().front()));
+  if (!format.write_series) {
+    json["splats"] = std::size_t{0};
+    for (std::size_t moment = 0; moment < series.size(); ++moment) {
+      ImportedSplats splats = series.moment(moment);
+      splats.keep_order = true;
+      write_foreign_splats(format, file_of(options, format, static_cast<int>(moment)), splats);
+      json["splats"] = json["splats"].get<std::size_t>() + splats.count();
+    }
+    return json;
+  }
+  // Time samples that were trained separately must not be interpolated.
+  if (distiller || !corresponds) {
+    series.keep_apart();
+    remarks.emplace_back(
+        "the splats of different time samples do not correspond, so other programs show each time sample "
+        "until the next one");
+  }
+  format.write_series(options.to, series);
+  json["splats"] = series.largest_count();
+  json["moments"] = series.size();
+  return json;
+}
+
 // Exports a static model, or one or several time samples of a dynamic model. If the splats are fitted,
-// `closed_form` receives the splats of the last time sample before the fit.
+// `closed_form` receives the splats of a single time sample before the fit.
 Json export_gaussians(const ConvertOptions& options, const SplatFormat& format, const LoadedModel& loaded,
                       const TrainSettings& settings, std::optional<ImportedSplats>& closed_form) {
   const MixedModel& model = loaded.model;
   if (!model.has_time() && (options.series > 0 || options.time_option->count() > 0))
     fail(ErrorKind::usage, "{}: --time and --series require a model that depends on time", options.from);
   warn_of_other_times(fmt::format("{}", options.time), {&options.time, 1});
-  ReduceOptions reduce = reduction(options, loaded, settings);
-  const int moments = std::max(1, options.series);
+  const ReduceOptions reduce = reduction(options, loaded, settings);
   std::vector<std::string> remarks = loaded.remarks;
   std::optional<Distiller> distiller;
   if (fits(options, model))
     open_distiller(options, format, loaded, settings, distiller, remarks);
   else if (options.degree_option->count() > 0)
     refuse_degree();
+  if (options.series > 0) {
+    Json json = export_series(options, format, loaded, reduce, distiller, remarks);
+    json["remarks"] = remarks;
+    return json;
+  }
   Json json = Json::object();
-  SplatSeries series;
-  const bool one_file = options.series > 0 && format.write_series;
-  const float least_opacity = reduce.least_opacity;
-  if (one_file) {
-    // Splats that are invisible at some times are kept until all time samples are known.
-    if (!distiller) reduce.least_opacity = 0;
-    remarks.push_back(
-        fmt::format("{} time samples from time 0 to 1; rule for the opacity over all view directions: {}",
-                    moments, options.opacity));
-  } else if (format.write_series && model.has_time()) {
+  if (format.write_series && model.has_time())
     remarks.emplace_back(
         "the model depends on time, but the file contains only one time sample: store K of them with "
         "--series K");
+  ImportedSplats splats = exported_splats(format, model, loaded.offset, reduce, remarks);
+  if (distiller) {
+    closed_form = splats;
+    const auto fit = [&] { splats = fitted(options, *distiller, reduce.time, *closed_form, remarks, json); };
+    if (options.fit_requested())
+      fit();
+    else
+      if_possible(kNotFitted, remarks, fit);
   }
-  for (int moment = 0; moment < moments; ++moment) {
-    if (options.series > 0) reduce.time = moment / std::max(1.0, moments - 1.0);
-    std::vector<std::string> said;
-    ImportedSplats splats = exported_splats(format, model, loaded.offset, reduce, said);
-    if (distiller) {
-      closed_form = splats;
-      const auto fit = [&] { splats = fitted(options, *distiller, reduce.time, *closed_form, said, json); };
-      if (options.fit_requested())
-        fit();
-      else
-        if_possible(kNotFitted, said, fit);
-    }
-    if (one_file) {
-      series.add(std::move(splats));
-      for (std::string& remark : said)
-        if (!remark.starts_with("time ") && std::ranges::find(remarks, remark) == remarks.end())
-          remarks.push_back(std::move(remark));
-      continue;
-    }
-    for (std::string& remark : format_remarks(format, splats)) said.push_back(std::move(remark));
-    write_foreign_splats(format, file_of(options, format, moment), splats);
-    json["splats"] = json.value("splats", std::size_t{0}) + splats.count();
-    remarks.insert(remarks.end(), said.begin(), said.end());
-  }
-  if (one_file) write_moments(options, format, std::move(series), least_opacity, remarks, json);
+  add_remarks(remarks, format_remarks(format, splats));
+  write_foreign_splats(format, options.to, splats);
+  json["splats"] = splats.count();
   json["remarks"] = remarks;
   return json;
 }

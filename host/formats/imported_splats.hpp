@@ -32,6 +32,8 @@ struct ImportedSplats {
   std::vector<float> sb;
   // Raw parameter b of each Beta kernel, whose exponent is 4 exp(b). Empty for Gaussians.
   std::vector<float> betas;
+  // If true, writers do not change the order, because other files contain the same splats in this order.
+  bool keep_order = false;
   bool antialiased = false;  // the splats were trained with the opacity compensation of the 2D filter
   std::array<double, 3> offset{0, 0, 0};  // world position = position + offset
   LoadReport report;

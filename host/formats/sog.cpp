@@ -374,7 +374,7 @@ void write_sog(const std::filesystem::path& path, const ImportedSplats& splats) 
   std::vector<std::pair<std::uint64_t, std::size_t>> order(n);
   for (std::size_t i = 0; i < n; ++i)
     order[i] = {spread_bits(place(i, 0)) | spread_bits(place(i, 1)) << 1 | spread_bits(place(i, 2)) << 2, i};
-  std::ranges::sort(order);
+  if (!splats.keep_order) std::ranges::sort(order);
 
   std::vector<float> values;
   for (const auto& s : splats.log_scales) values.insert(values.end(), s.begin(), s.end());

@@ -108,6 +108,12 @@ const std::vector<float>& SplatSeries::sh(std::span<const ImportedSplats> moment
   return moments[moment].sh.empty() ? moments.front().sh : moments[moment].sh;
 }
 
+ImportedSplats SplatSeries::moment(std::size_t moment) const {
+  ImportedSplats splats = moments_[moment];
+  splats.sh = sh(moment);
+  return splats;
+}
+
 std::size_t SplatSeries::largest_count() const {
   std::size_t most = 0;
   for (const ImportedSplats& splats : moments_) most = std::max(most, splats.count());

@@ -38,6 +38,8 @@ class SplatSeries {
 
   std::size_t size() const { return moments_.size(); }
   std::span<const ImportedSplats> moments() const { return moments_; }
+  // Returns a time sample with its spherical harmonics.
+  ImportedSplats moment(std::size_t moment) const;
   // Returns the spherical harmonics of a time sample. They may be stored in the first time sample (see
   // add()).
   static const std::vector<float>& sh(std::span<const ImportedSplats> moments, std::size_t moment);

@@ -76,20 +76,19 @@ void print_usd_array(UsdaText& out, std::size_t count, const At& at) {
   out.put("]");
 }
 
-// Writes an attribute once if it is the same at all time samples (`constant`), and otherwise once for each
-// time sample. The first argument of `count` and `at` is the index of the time sample.
+// Writes an attribute once if it is the same at all time samples (`constant`). Otherwise writes the first
+// time sample as the default value, for readers that ignore time, and then all time samples. The first
+// argument of `count` and `at` is the index of the time sample.
 template <std::size_t N, typename Count, typename At>
 void print_usd_attribute(UsdaText& out, const char* declaration, std::size_t moments, bool constant,
                          const Count& count, const At& at) {
   const auto array = [&](std::size_t moment) {
     print_usd_array<N>(out, count(moment), [&](std::size_t i) { return at(moment, i); });
   };
-  if (constant) {
-    out.print("    {} = ", declaration);
-    array(0);
-    out.put("\n");
-    return;
-  }
+  out.print("    {} = ", declaration);
+  array(0);
+  out.put("\n");
+  if (constant) return;
   out.print("    {}.timeSamples = {{\n", declaration);
   for (std::size_t m = 0; m < moments; ++m) {
     out.print("        {}: ", m);

@@ -162,6 +162,10 @@ TEST_CASE("usd: a series contains time samples of changing values", "[formats]")
     CHECK_THAT(text, Contains(part));
   for (const char* same : {"orientations = [", "scales = [", "opacities = [", "Coefficients = ["})
     CHECK_THAT(text, Contains(same));
+  // Readers that ignore time find the first time sample as the default value.
+  const std::vector<float> places_at_first = numbers_of(text, "positions", "0");
+  CHECK(numbers_of(text, "positions") == places_at_first);
+  CHECK(numbers_of(text, "extent") == numbers_of(text, "extent", "0"));
   for (std::size_t m = 0; m < 3; ++m) {
     const std::vector<float> places = numbers_of(text, "positions", fmt::format("{}", m));
     const std::vector<float> extent = numbers_of(text, "extent", fmt::format("{}", m));
