@@ -184,16 +184,32 @@ ImportedSplats read_gaussian_ply(const fs::path& path) {
   // file, and the error message names the first missing column.
   const bool flat = !dbs && !header.find("scale_2") && header.find("scale_1") && header.find("rot_3");
   if (flat) splats.report.note("the file has no scale_2: its splats are flat, as in 2D Gaussian Splatting");
+  // Isotropic Gaussians (such as those of MonoGS) have one scale for all axes.
+  const bool isotropic = !dbs && header.find("scale_0") && !header.find("scale_1") && !header.find("scale_2");
+  if (isotropic) splats.report.note("the file has only scale_0: its splats are spheres");
   Columns columns(header, name);
-  for (const char* property : {"x", "y", "z", "scale_0", "scale_1", flat ? "scale_1" : "scale_2", "rot_0",
-                               "rot_1", "rot_2", "rot_3", "opacity"})
+  for (const char* property : {"x", "y", "z", "scale_0", isotropic ? "scale_0" : "scale_1",
+                               isotropic ? "scale_0"
+                               : flat    ? "scale_1"
+                                         : "scale_2",
+                               "rot_0", "rot_1", "rot_2", "rot_3", "opacity"}) {
     columns.add(property);
+  }
   const std::size_t beta = dbs ? columns.add("beta") : 0;
   const std::size_t dc = columns.add(rgb ? "red" : names.dc + "0");
   columns.add(rgb ? "green" : names.dc + "1"), columns.add(rgb ? "blue" : names.dc + "2");
   for (std::size_t i = 0; i < rest; ++i) columns.add(names.rest + std::to_string(i));
   const std::size_t lobes = dc + 3 + rest;
   for (std::size_t i = 0; i < splats.lobe_values(); ++i) columns.add("sb_params_" + std::to_string(i));
+  // Coordinates may be integers, and so are colours as bytes. Other integers are codes of a quantisation.
+  for (const PlyProperty* property : columns.properties()) {
+    const bool real = property->type == PlyType::float32 || property->type == PlyType::float64;
+    if (!real && property->name.size() > 1 && !(rgb && property->type == PlyType::uint8))
+      fail(ErrorKind::data,
+           "{}: property '{}' has an integer type, so the file is quantised in a way that it does not state: "
+           "export the splats with properties of type float",
+           name, property->name);
+  }
   const auto rows = stream.tellg();
   columns.read(stream);
 

@@ -303,7 +303,8 @@ std::ifstream open_ply(const std::filesystem::path& path, PlyHeader& header, boo
   std::size_t size = 0;
   std::ifstream stream = open_for_reading(path, size);
   header = HeaderParser(stream, path.string(), allow_ascii).parse();
-  if (header.name != "vertex")
+  // Some programs call the element of a point cloud "point".
+  if (header.name != "vertex" && header.name != "point")
     fail(ErrorKind::data, "{}: the first element is '{}', but must be vertex", path.string(), header.name);
   check_size(header, size - static_cast<std::size_t>(stream.tellg()), path.string());
   return stream;

@@ -44,10 +44,10 @@ struct PlyHeader : PlyElement {
   std::size_t lines = 0;  // number of lines of the header, for messages about rows of ASCII files
 };
 
-// Opens a file whose first element is `vertex`, reads its header and returns the stream, which is at the
-// first vertex. Throws Error(data) if the file is not a PLY file, if the first element has list properties or
-// two properties with the same name, or if the size of the file does not match the number of vertices. ASCII
-// files are refused unless `allow_ascii` is set.
+// Opens a file whose first element is `vertex` or `point`, reads its header and returns the stream, which is
+// at the first vertex. Throws Error(data) if the file is not a PLY file, if the first element has list
+// properties or two properties with the same name, or if the size of the file does not match the number of
+// vertices. ASCII files are refused unless `allow_ascii` is set.
 std::ifstream open_ply(const std::filesystem::path& path, PlyHeader& header, bool allow_ascii = false);
 
 // Does the same for a binary file that may have several elements with any names. None of them may have a

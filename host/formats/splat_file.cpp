@@ -196,6 +196,11 @@ std::string rows_of(const FileStart& start, std::string_view element) {
   return "0";
 }
 
+// Returns the number of vertices. Some programs call the element "point".
+std::string points_of(const FileStart& start) {
+  return rows_of(start, has_line(start, "element point ") ? "point" : "vertex");
+}
+
 std::string what_zip(const FileStart& start) {
   if (start.members.empty()) return "a ZIP archive: unpack it first";
   std::string example = start.members.front();
@@ -237,7 +242,7 @@ constexpr OtherFile kOthers[] = {
        return fmt::format(
            "a point cloud of {} points, no splats: point clouds can only be used in a data folder, as "
            "initial points for training",
-           rows_of(s, "vertex"));
+           points_of(s));
      }},
     {[](const FileStart& s) {
        return has_property(s, " scale_0") && has_property(s, " rot_0") && !has_property(s, " beta_0") &&
@@ -284,6 +289,15 @@ constexpr OtherFile kOthers[] = {
      [](const FileStart&) -> std::string {
        return "a .ksplat file of GaussianSplats3D, which is not read: export the splats as PLY, SPZ or "
               ".splat";
+     }},
+    {[](const FileStart& s) { return s.extension == ".lcc"; },
+     [](const FileStart&) -> std::string {
+       return "an LCC file of XGRIDS, which is not read: export the splats as PLY with LCC Studio";
+     }},
+    {[](const FileStart& s) { return s.bytes.starts_with("RAD0") || s.extension == ".rad"; },
+     [](const FileStart&) -> std::string {
+       return "a RAD file of Spark, which is not read: convert the file that it was made from, such as a PLY "
+              "or SPZ";
      }},
     {[](const FileStart& s) {
        return s.bytes.starts_with("<!DOCTYPE") || s.bytes.starts_with("<!doctype") ||

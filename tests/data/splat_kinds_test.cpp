@@ -216,6 +216,8 @@ TEST_CASE("kinds: spaces in the header, ascii rows and other number types are re
     CHECK(back.sh == splats.sh);
     CHECK(back.report.notes.empty());
   }
+  put(folder / "point.ply", replaced(ply_of(splats), "element vertex", "element point"));
+  CHECK(read_foreign_splats(folder / "point.ply").positions == splats.positions);
   std::string wide = compressed_ply("", "");
   for (const char* word : {"element chunk", "element vertex", "property uint"})
     wide = replaced(wide, word, std::string(word) + "  ");
@@ -812,6 +814,10 @@ TEST_CASE("kinds: errors describe files without splats", "[formats]") {
   const std::tuple<const char*, std::string, const char*> kinds[] = {
       {"p.ply", ply + columns({"x", "y", "z", "red"}) + "end_header\n" + std::string(32, 0),
        "a point cloud of 2 points, no splats"},
+      {"q.ply",
+       replaced(ply, "vertex", "point") + columns({"x", "y", "z", "red"}) + "end_header\n" +
+           std::string(32, 0),
+       "a point cloud of 2 points, no splats"},
       {"m.ply",
        ply + columns({"x", "y", "z"}) +
            "element face 7\nproperty list uchar int vertex_indices\nend_header\n",
@@ -845,6 +851,8 @@ TEST_CASE("kinds: errors describe files without splats", "[formats]") {
       {"w.ply", "<!DOCTYPE html>", "a web page"},
       {"g.ply", "version https://git-lfs.github.com/spec/v1", "git lfs pull"},
       {"k.ksplat", std::string(4096, '\1'), ".ksplat"},
+      {"meta.lcc", R"({"version": "1.1", "splats": [100], "encoding": "COMPRESS"})", "LCC file of XGRIDS"},
+      {"x.rad", "RAD0" + std::string(200, '\0'), "RAD file of Spark"},
       {"e.ply", "", "an empty file"},
       {"n.bin", "nothing known", "not a splat file: expected"}};
   for (const auto& [name, content, message] : kinds) {
@@ -876,6 +884,27 @@ TEST_CASE("kinds: a PLY file of nerfstudio with one colour per splat is read", "
   put(folder / "b.ply", ply("float") + std::string(12, '\0'));
   CHECK_THAT(message_of([&] { read_foreign_splats(folder / "b.ply"); }),
              Contains("b.ply: property 'red' must have the type uchar"));
+}
+
+TEST_CASE("kinds: isotropic splats are spheres, and quantised columns are refused", "[formats]") {
+  const TempFolder folder;
+  const ImportedSplats splats = random_splats(20, 0);
+  put(folder / "a.ply", ply_of(splats, {.without = {"scale_1", "scale_2"}}));
+  const ImportedSplats back = read_foreign_splats(folder / "a.ply");
+  REQUIRE(back.count() == 20);
+  CHECK(back.sh == splats.sh);
+  for (std::size_t i = 0; i < 20; ++i)
+    for (const float scale : back.log_scales[i]) CHECK(scale == splats.log_scales[i][0]);
+  CHECK(all_of(back.report.notes) == "the file has only scale_0: its splats are spheres");
+  put(folder / "c.ply", ply_of(splats, {.without = {"scale_1"}}));
+  CHECK_THAT(message_of([&] { read_foreign_splats(folder / "c.ply"); }), Contains("'scale_1' is missing"));
+  for (const char* name : {"scale_1", "rot_2", "opacity", "f_dc_0"}) {
+    put(folder / "b.ply",
+        replaced(ply_of(splats), fmt::format("float {}\n", name), fmt::format("int {}\n", name)));
+    CHECK_THAT(
+        message_of([&] { read_foreign_splats(folder / "b.ply"); }),
+        Contains(fmt::format("b.ply: property '{}' has an integer type, so the file is quantised", name)));
+  }
 }
 
 TEST_CASE("kinds: a compressed PLY file of gsplat has an element sh without properties", "[formats]") {
