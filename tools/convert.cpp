@@ -442,8 +442,14 @@ Json recondition(const ConvertOptions& options, const LoadedModel& loaded, const
   return json;
 }
 
+void require_splats(std::size_t count, const std::string& file) {
+  if (count == 0)
+    fail(ErrorKind::data, "{}: the file contains no splats, so there is nothing to convert", file);
+}
+
 Json export_model(ConvertOptions& options, const SplatFormat& format) {
   const LoadedModel loaded = load_splat_model(options.from);
+  require_splats(loaded.model.count(), options.from);
   if (!format.ours()) find_cameras(options, loaded);
   const MixedModel& model = loaded.model;
   const std::array<double, 3>& offset = loaded.offset;
@@ -476,6 +482,7 @@ Json import_model(const ConvertOptions& options, const SplatFormat& format) {
   if (options.time_option->count() > 0) time = options.time;
   if (!format.ours()) {
     const ImportedSplats splats = read_foreign_splats(options.from, time);
+    require_splats(splats.count(), options.from);
     write_foreign_splats(format, options.to, splats);
     std::vector<std::string> remarks = read_remarks(splats);
     for (std::string& remark : format_remarks(format, splats)) remarks.push_back(std::move(remark));
@@ -483,6 +490,7 @@ Json import_model(const ConvertOptions& options, const SplatFormat& format) {
   }
   const LoadedModel loaded = load_splat_model(options.from, time);
   const SplatModel& model = loaded.model.groups.front();
+  require_splats(model.count, options.from);
   write_splat_ply(options.to, model, loaded.comments);
   Json json{{"splats", model.count}, {"variant", to_string(model.variant)}, {"remarks", loaded.remarks}};
   if (options.data.empty()) return json;

@@ -9,6 +9,7 @@
 #include "host/base/error.hpp"
 #include "host/base/paths.hpp"
 #include "host/base/text.hpp"
+#include "host/dataset/load_dataset.hpp"
 #include "host/dataset/packed.hpp"
 #include "host/dataset/view_names.hpp"
 #include "host/formats/splat_file.hpp"
@@ -277,8 +278,13 @@ void check_file(const std::filesystem::path& path) {
 
 int run(InfoOptions& options) {
   if (!is_packed(options.model)) check_file(options.model);
-  const std::filesystem::path model =
-      is_packed(options.model) ? std::filesystem::path() : find_splat_model(options.model);
+  const bool folder = is_folder(options.model);
+  // A data folder may also contain splats, such as those that its points were made from.
+  const bool data =
+      folder && !path_exists(RunFolder(options.model).model()) && !camera_files_in(options.model).empty();
+  const std::filesystem::path model = is_packed(options.model) || data ? std::filesystem::path()
+                                      : folder                         ? model_in_folder(options.model)
+                                                                       : find_splat_model(options.model);
   if (model.empty() && path_exists(RunFolder(options.model).checkpoint()))
     fail(ErrorKind::data,
          "{}: no model.ply in this folder; the run is not finished: continue it with 'ubs train --resume {}'",

@@ -23,6 +23,7 @@
 #include "host/dataset/packed.hpp"
 #include "host/dataset/split_views.hpp"
 #include "host/dataset/view_names.hpp"
+#include "host/formats/other_programs.hpp"
 #include "host/formats/splat_file.hpp"
 #include "host/scene/extent.hpp"
 
@@ -390,13 +391,18 @@ void list_subfolders(const fs::path& folder, int levels, std::vector<fs::path>& 
   }
 }
 
+// If one of the paths contains cameras of another program, throws an error whose message names the program.
+void name_other_program(const std::vector<fs::path>& paths, OtherProgram::Content content) {
+  for (const fs::path& path : paths)
+    if (const std::string what = describe_other_program(path, content); !what.empty())
+      fail(ErrorKind::data, "{}: {}", path.string(), what);
+}
+
 // If a subfolder or the parent folder contains cameras, throws an error whose message says what to pass
-// instead of `folder`.
-void name_folders_nearby(const fs::path& folder) {
-  std::vector<fs::path> below, models, packed;
+// instead of `folder`. `below` contains `folder` and its subfolders.
+void name_folders_nearby(const fs::path& folder, const std::vector<fs::path>& below) {
+  std::vector<fs::path> models, packed;
   std::vector<std::string> data;
-  list_subfolders(folder, 2, below);
-  below.insert(below.begin(), folder);
   for (const fs::path& sub : below) {
     for (const char* name : {"cameras.bin.gz", "cameras.txt.gz"})
       if (path_exists(sub / name)) packed.push_back(sub / name);
@@ -492,6 +498,9 @@ std::string layout_titles() {
 
 std::string detect_layout(const fs::path& path) {
   if (!is_folder(path) && !is_regular(path)) fail(ErrorKind::data, "{}: no such data folder", path.string());
+  if (!is_folder(path))
+    for (const auto content : {OtherProgram::Content::cameras, OtherProgram::Content::splats})
+      name_other_program({path}, content);
   for (const Layout& layout : kLayouts)
     if (!layout.camera_files(path).empty()) return std::string(layout.name);
   if (!is_folder(path)) {
@@ -506,7 +515,13 @@ std::string detect_layout(const fs::path& path) {
          "{}: this is the output folder of a training run, not a data set: pass the folder of its data",
          path.string());
   name_transforms_files(path);
-  name_folders_nearby(path);
+  std::vector<fs::path> below{path};
+  list_subfolders(path, 2, below);
+  name_other_program({path}, OtherProgram::Content::moments);
+  name_folders_nearby(path, below);
+  name_other_program(below, OtherProgram::Content::cameras);
+  if (const std::string what = describe_splat_folder(path); !what.empty())
+    fail(ErrorKind::data, "{}: not a data set, but {}", path.string(), what);
   for (const fs::path& folder : {path, path / "images"})
     if (const std::size_t count = pictures_in(folder).size(); count > 1)
       fail(ErrorKind::data, "{}: {} images but no cameras: find the cameras with COLMAP: ubs cameras {}",

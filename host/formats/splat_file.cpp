@@ -5,15 +5,16 @@
 #include <fmt/ranges.h>
 
 #include <algorithm>
-#include <charconv>
 #include <sstream>
 
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
 #include "host/base/paths.hpp"
+#include "host/base/text.hpp"
 #include "host/base/warning.hpp"
 #include "host/formats/foreign_formats.hpp"
 #include "host/formats/gaussian_model.hpp"
+#include "host/formats/other_programs.hpp"
 #include "host/formats/ply.hpp"
 #include "host/formats/ply_header.hpp"
 #include "host/formats/ubsz.hpp"
@@ -40,7 +41,10 @@ bool has_key(const FileStart& start, std::string_view key) {
 bool has_member(const FileStart& start, std::string_view end) {
   return std::ranges::any_of(start.members, [&](const std::string& name) { return name.ends_with(end); });
 }
-bool is_sog_meta(const FileStart& start) { return has_key(start, "means") && has_key(start, "quats"); }
+// The files of gsplat's PNG compression have the same keys except "files".
+bool is_sog_meta(const FileStart& start) {
+  return has_key(start, "means") && has_key(start, "quats") && has_key(start, "files");
+}
 bool is_lod_meta(const FileStart& start) { return has_key(start, "filenames") && has_key(start, "tree"); }
 
 bool has_property(const FileStart& start, std::string_view name) {
@@ -268,9 +272,7 @@ constexpr OtherFile kOthers[] = {
        return s.bytes.starts_with("7z\xbc\xaf") || s.bytes.starts_with("Rar!") || s.extension == ".tar";
      },
      [](const FileStart&) -> std::string { return "an archive: unpack it first"; }},
-    {[](const FileStart& s) {
-       return has_key(s, "frames") || (has_key(s, "img_name") && has_key(s, "rotation"));
-     },
+    {[](const FileStart& s) { return has_key(s, "frames"); },
      [](const FileStart&) -> std::string { return "cameras of a data folder, no splats"; }},
     {[](const FileStart& s) { return has_key(s, "asset") && has_key(s, "meshes"); },
      [](const FileStart&) -> std::string { return "glTF as text: its name must end with .gltf"; }},
@@ -284,20 +286,6 @@ constexpr OtherFile kOthers[] = {
      [](const FileStart&) -> std::string {
        return "a Python pickle, such as a PyTorch checkpoint: export the splats as PLY with the program that "
               "wrote it";
-     }},
-    {[](const FileStart& s) { return s.extension == ".ksplat"; },
-     [](const FileStart&) -> std::string {
-       return "a .ksplat file of GaussianSplats3D, which is not read: export the splats as PLY, SPZ or "
-              ".splat";
-     }},
-    {[](const FileStart& s) { return s.extension == ".lcc"; },
-     [](const FileStart&) -> std::string {
-       return "an LCC file of XGRIDS, which is not read: export the splats as PLY with LCC Studio";
-     }},
-    {[](const FileStart& s) { return s.bytes.starts_with("RAD0") || s.extension == ".rad"; },
-     [](const FileStart&) -> std::string {
-       return "a RAD file of Spark, which is not read: convert the file that it was made from, such as a PLY "
-              "or SPZ";
      }},
     {[](const FileStart& s) {
        return s.bytes.starts_with("<!DOCTYPE") || s.bytes.starts_with("<!doctype") ||
@@ -357,7 +345,10 @@ const SplatFormat* format_of(const FileStart& start) {
   return found == std::end(kFormats) ? nullptr : &*found;
 }
 
-std::string what_other(const FileStart& start) {
+std::string what_other(const fs::path& path, const FileStart& start) {
+  using Content = OtherProgram::Content;
+  for (const Content content : {Content::splats, Content::cameras})
+    if (std::string what = describe_other_program(path, content); !what.empty()) return what;
   for (const OtherFile& other : kOthers)
     if (other.recognise(start)) return other.what(start);
   return {};
@@ -459,7 +450,7 @@ void check_splat_name(const fs::path& path) {
 const SplatFormat& detect_splat_format(const fs::path& path) {
   const FileStart start = start_of(path);
   if (const SplatFormat* format = format_of(start)) return *format;
-  if (const std::string what = what_other(start); !what.empty())
+  if (const std::string what = what_other(path, start); !what.empty())
     fail(ErrorKind::data, "{}: {}", path.string(), what);
   if (is_ply(start)) return kFormats[0];  // the reader of ubs files reports which properties are missing
   if (start.extension == ".ply") fail(ErrorKind::data, "{}: not a PLY file", path.string());
@@ -469,7 +460,25 @@ const SplatFormat& detect_splat_format(const fs::path& path) {
 std::string describe_file(const fs::path& path) {
   const FileStart start = start_of(path);
   if (const SplatFormat* format = format_of(start)) return fmt::format("a splat model ({})", format->title);
-  return what_other(start);
+  return what_other(path, start);
+}
+
+std::string describe_splat_folder(const fs::path& folder) {
+  if (std::string what = describe_other_program(folder, OtherProgram::Content::splats); !what.empty())
+    return what;
+  std::vector<std::string> models;
+  for (const fs::path& file : folder_entries(folder))
+    if (has_splat_extension(file) && is_regular(file))
+      if (const FileStart start = start_of(file);
+          format_of(start) || (is_ply(start) && what_other(file, start).empty()))
+        models.push_back(file.filename().string());
+  if (models.empty()) return {};
+  const std::string example = shell_word((folder / models.back()).string());
+  if (models.size() == 1) return fmt::format("a folder with one splat file: pass the file: {}", example);
+  return fmt::format(
+      "a folder with {} splat files ({} to {}), each of which is a model of its own, such as one moment of a "
+      "sequence: pass one of them, such as {}",
+      models.size(), models.front(), models.back(), example);
 }
 
 fs::path find_splat_model(const fs::path& path) {
@@ -482,20 +491,8 @@ fs::path find_splat_model(const fs::path& path) {
   if (path_exists(path / "model.ply")) return path / "model.ply";
   for (const char* name : {"meta.json", "lod-meta.json"})
     if (has_splats(path / name)) return path / name;
-  fs::path last;
-  std::size_t iterations = 0;
-  if (!is_folder(path / "point_cloud")) return last;
-  for (const fs::path& folder : folder_entries(path / "point_cloud")) {
-    constexpr std::string_view kStem = "iteration_";
-    const std::string name = folder.filename().string();
-    std::size_t number = 0;
-    if (!name.starts_with(kStem) ||
-        std::from_chars(name.data() + kStem.size(), name.data() + name.size(), number).ec != std::errc())
-      continue;
-    if (const fs::path file = folder / "point_cloud.ply"; number >= iterations && path_exists(file))
-      last = file, iterations = number;
-  }
-  return last;
+  const std::vector<fs::path> models = trainer_output(path).models;
+  return models.empty() ? fs::path() : models.back();
 }
 
 ImportedSplats read_foreign_splats(const fs::path& path, std::optional<double> time) {
@@ -536,7 +533,10 @@ std::vector<std::string> read_remarks(const ImportedSplats& splats) {
 
 LoadedModel load_splat_model(const fs::path& given, std::optional<double> time) {
   const fs::path path = is_folder(given) ? find_splat_model(given) : given;
-  if (path.empty()) fail(ErrorKind::data, "{}: no model.ply in this folder", given.string());
+  if (path.empty()) {
+    const std::string what = describe_splat_folder(given);
+    fail(ErrorKind::data, "{}: {}", given.string(), what.empty() ? "no model.ply in this folder" : what);
+  }
   LoadedModel loaded;
   loaded.format = &detect_splat_format(path);
   if (loaded.format->ours()) {

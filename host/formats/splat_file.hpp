@@ -90,9 +90,12 @@ const SplatFormat& detect_splat_format(const std::filesystem::path& path);
 // Returns the kind of a file in words: a model in one of the formats, or a known kind of file without splats.
 // The text is empty if the kind is not known.
 std::string describe_file(const std::filesystem::path& path);
+// Returns a sentence that says which splats are in a folder without a model (find_splat_model()), and what to
+// pass instead. The text is empty if there are none.
+std::string describe_splat_folder(const std::filesystem::path& folder);
 // Returns the model file that a path refers to: the file itself or, for a folder, its model.ply (output of
-// ubs), its meta.json or lod-meta.json (SOG), or the last point_cloud/iteration_*/point_cloud.ply (output of
-// 3DGS). Returns an empty path if there is no model, for example for a data folder or a JSON file of data.
+// ubs), its meta.json or lod-meta.json (SOG), or the last file of a trainer's output (other_programs.hpp).
+// Returns an empty path if there is no model, for example for a data folder or a JSON file of data.
 std::filesystem::path find_splat_model(const std::filesystem::path& path);
 
 // Reads a file of any format except that of ubs. If `time` is set, reads the time sample nearest to it

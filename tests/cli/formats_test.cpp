@@ -2,6 +2,7 @@
 // Tests `ubs convert` by running the executable, and other subcommands with third-party files and with data
 // sets far from the origin.
 #include <cstdlib>
+#include <filesystem>
 #include <nlohmann/json.hpp>
 
 #include "host/formats/foreign_formats.hpp"
@@ -15,6 +16,7 @@ using namespace ubs;
 using namespace ubs::test;
 using Catch::Contains;
 using nlohmann::json;
+namespace fs = std::filesystem;
 
 namespace {
 
@@ -482,4 +484,29 @@ TEST_CASE("cli: unused parts of files and files without splats are reported", "[
   CHECK_THAT(get(folder / "b.ply"), Contains("comment SplatRenderMode: mip\ncomment antialiased 1\n"));
   CHECK_THAT(ubs_ok(folder, "info b.ply").out, Contains("antialias on"));
   CHECK_THAT(ubs_ok(folder, "convert a.ply b.glb").out, Contains("antialiasing"));
+}
+
+TEST_CASE("cli: a file without splats is refused by every conversion") {
+  const TempFolder folder;
+  std::string ply = "ply\nformat binary_little_endian 1.0\nelement vertex 0\n";
+  for (const char* name : {"x", "y", "z", "f_dc_0", "f_dc_1", "f_dc_2", "opacity", "scale_0", "scale_1",
+                           "scale_2", "rot_0", "rot_1", "rot_2", "rot_3"})
+    ply += fmt::format("property float {}\n", name);
+  put(folder / "empty.ply", ply + "end_header\n");
+  for (const std::string& format : written_formats()) {
+    if (format == "usdc" || format == "dbs") continue;  // refused before: needs usd-core, or Beta splats
+    const fs::path out = fmt::format("out{}", splat_format(format).extension);
+    check_error(folder, fmt::format("convert empty.ply {} --to {}", out.string(), format), 3, "no splats");
+    CHECK_FALSE(fs::exists(folder / out));
+  }
+}
+
+TEST_CASE("cli: the output folder of another trainer is opened, and a line says which file is used") {
+  const TempFolder folder;
+  fs::create_directories(folder / "lfs");
+  for (const int step : {7000, 30000})
+    write_splat_ply(folder / fmt::format("lfs/splat_{}.ply", step), faint_ball(3));
+  const Result result = run_ubs(folder, "info lfs");
+  CHECK(result.code == 0);
+  CHECK_THAT(result.err, Contains("LichtFeld Studio: using lfs/splat_30000.ply, the last of 2 models"));
 }

@@ -839,7 +839,7 @@ TEST_CASE("kinds: errors describe files without splats", "[formats]") {
       {"transforms.json", R"({"frames": []})", "cameras of a data folder, no splats"},
       {"gltf.json", R"({"asset": {}, "meshes": []})", "its name must end with .gltf"},
       {"cameras.json", R"([{"id": 0, "img_name": "a", "rotation": [], "fx": 1}])",
-       "cameras of a data folder, no splats"},
+       "3DGS (cameras.json)"},
       {"list.json", "[]", "a JSON file, no splats"},
       {"a.npy", "\x93NUMPY and more", "arrays of NumPy: export the splats as PLY"},
       {"a.npz", zip_of({{"means.npy", "x"}, {"quats.npy", "x"}}),

@@ -14,6 +14,7 @@
 #include "host/check/forms.hpp"
 #include "host/dataset/lens.hpp"
 #include "host/dataset/load_dataset.hpp"
+#include "host/formats/other_programs.hpp"
 #include "host/formats/splat_file.hpp"
 #include "host/scene/model_variant.hpp"
 #include "host/settings/fields.hpp"
@@ -40,11 +41,27 @@ std::set<std::string> set_of(const Texts& texts) { return {texts.begin(), texts.
 
 }  // namespace
 
-TEST_CASE("tables: docs/data.md has the lists of layouts, camera models and formats", "[docs]") {
+TEST_CASE("tables: docs/data.md has the lists of layouts, other programs, camera models and formats",
+          "[docs]") {
   std::string layouts = table_head({"layout", "data sets and programs", "recognised by"});
   for (const ubs::LayoutText& layout : ubs::layout_texts())
     layouts += table_row({backticks(layout.name), std::string(layout.title), std::string(layout.files)});
   check_list("docs/data.md", "layouts", layouts);
+
+  using Content = ubs::OtherProgram::Content;
+  std::string others = table_head({"program", "recognised by", "contains"});
+  for (const ubs::OtherProgram& row : ubs::other_programs()) {
+    std::string files = backticks(row.files);
+    for (std::size_t at = 0; (at = files.find(' ', at)) != std::string::npos; at += 4)
+      files.replace(at, 1, "`, `");
+    if (!row.key.empty()) files += " with " + backticks(row.key);
+    others += table_row({std::string(row.program), files,
+                         row.content == Content::moments   ? "cameras of several moments"
+                         : row.content == Content::cameras ? "cameras"
+                         : row.content == Content::splats  ? "splats"
+                                                           : "splat files: the last one is read"});
+  }
+  check_list("docs/data.md", "other programs", others);
 
   std::string lenses = table_head(
       {"number", "name", "parameters in COLMAP's order", "further parameters in `transforms.json`"});

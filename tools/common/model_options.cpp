@@ -8,12 +8,14 @@
 
 #include "host/base/error.hpp"
 #include "host/base/paths.hpp"
+#include "host/formats/other_programs.hpp"
 #include "host/formats/splat_file.hpp"
 #include "host/look/report/run_record.hpp"
 #include "host/run/open_data.hpp"
 #include "host/run/same_run.hpp"
 #include "host/settings/fields.hpp"
 #include "host/train/checkpoint.hpp"
+#include "tools/common/job.hpp"
 #include "tools/common/output.hpp"
 #include "tools/common/run_folder.hpp"
 
@@ -67,6 +69,15 @@ LoadedModel ModelOptions::load() const {
   return open_model(model);
 }
 
+std::filesystem::path model_in_folder(const std::filesystem::path& folder) {
+  const std::filesystem::path model = find_splat_model(folder);
+  const TrainerOutput output = trainer_output(folder);
+  if (!output.models.empty() && model == output.models.back() && ranks().first())
+    remark("ubs: output folder of {}: using {}{}\n", output.program, model.string(),
+           output.models.size() > 1 ? fmt::format(", the last of {} models", output.models.size()) : "");
+  return model;
+}
+
 void add_device_option(CLI::App& app, std::string& device) {
   app.add_option("--device", device,
                  "index, cpu, gpu, cuda, opencl, or part of a name, as listed by 'ubs devices'; cuda:1 and "
@@ -82,7 +93,9 @@ CLI::Option* add_model_option(CLI::App& app, const std::string& name, std::strin
           [](std::string& path) -> std::string {
             if (!is_folder(path)) return {};
             const RunFolder run(path);
-            const std::filesystem::path model = find_splat_model(path);
+            const std::filesystem::path model = model_in_folder(path);
+            if (const std::string what = model.empty() ? describe_splat_folder(path) : ""; !what.empty())
+              return fmt::format("{}: {}", path, what);
             if (model.empty())
               return fmt::format(
                   "{}: no model.ply in this folder{}", path,

@@ -32,6 +32,9 @@ struct ModelOptions {
 };
 
 void add_device_option(CLI::App& app, std::string& device);
+// Returns the model file in a folder (find_splat_model()). If the folder is the output of another trainer,
+// prints a line that says which of its files is used.
+std::filesystem::path model_in_folder(const std::filesystem::path& folder);
 
 inline constexpr const char* kRunDataHelp =
     "data folder or packed file [the data that the run was trained on]";
