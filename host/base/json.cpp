@@ -28,7 +28,8 @@ constexpr std::size_t kMaxMembers = 1000;  // for limit_members(); files of know
 // several members have the same name, JsonBuilder uses the last value, at the position of the first.
 class JsonBuilder : public nlohmann::json_sax<Json> {
  public:
-  JsonBuilder(const std::string& name, Convert convert) : name_(name), convert_(convert) {}
+  JsonBuilder(std::string_view text, const std::string& name, Convert convert)
+      : text_(text), name_(name), convert_(convert) {}
 
   Json take() { return std::move(root_); }
 
@@ -55,7 +56,15 @@ class JsonBuilder : public nlohmann::json_sax<Json> {
     return close(std::move(object));
   }
   bool end_array() override { return close(std::move(open_.back().items)); }
-  bool parse_error(std::size_t, const std::string&, const nlohmann::detail::exception& error) override {
+  bool parse_error(std::size_t position, const std::string& token,
+                   const nlohmann::detail::exception& error) override {
+    // The parser stops after the first character of "//", "/*" or "#".
+    const std::string_view read = text_.substr(0, position);
+    const std::string_view next = text_.substr(read.size(), 1);
+    if (token.ends_with('#') || (token.ends_with('/') && (next == "/" || next == "*")))
+      fail(ErrorKind::data,
+           "{}: the file contains comments, which JSON does not allow: remove them (line {})", name_,
+           1 + std::ranges::count(read, '\n'));
     fail(ErrorKind::data, "{}: malformed JSON: {}", name_, error.what());  // what() contains line and column
   }
 
@@ -93,6 +102,7 @@ class JsonBuilder : public nlohmann::json_sax<Json> {
     return true;
   }
 
+  std::string_view text_;
   const std::string& name_;
   Convert convert_;
   Json root_;
@@ -112,9 +122,18 @@ void check_size(std::string_view text, const std::string& name) {
   if (need > kSmallJson) require_memory(need, fmt::format("{}: JSON of {} bytes", name, text.size()));
 }
 
+// Throws an error if the text is in UTF-16, which PowerShell and the editor of Windows write.
+void check_encoding(std::string_view text, const std::string& name) {
+  const std::string_view start = text.substr(0, 2);
+  if (start == "\xff\xfe" || start == "\xfe\xff" ||
+      (start.size() == 2 && (start[0] == '\0') != (start[1] == '\0')))
+    fail(ErrorKind::data, "{}: the text is in UTF-16: save it as UTF-8", name);
+}
+
 Json parse(std::string_view text, const std::string& name, Convert convert) {
+  check_encoding(text, name);
   check_size(text, name);
-  JsonBuilder builder(name, convert);
+  JsonBuilder builder(text, name, convert);
   Json::sax_parse(text.begin(), text.end(), &builder);
   return builder.take();
 }

@@ -83,7 +83,7 @@ struct BlenderFolder {
 // Reads the files of all splits. The files of all splits that the frames name are searched for together.
 // Otherwise, if all images of one split were missing, the file r_0 of another split could be mistaken for the
 // missing r_0.
-void read_splits(BlenderFolder& folder, LoadReport& report) {
+void read_splits(BlenderFolder& folder, const DatasetOptions& options, LoadReport& report) {
   std::vector<Node> nodes;
   for (const char* split : {"train", "test", "val"}) {
     if (!has_blender_split(folder.path, split)) continue;
@@ -99,8 +99,7 @@ void read_splits(BlenderFolder& folder, LoadReport& report) {
     }
   }
   check_times(nodes);
-  std::vector<fs::path> images =
-      stated_files(folder.files, nodes, "file_path", folder.path, NamedFiles::Kind::image);
+  std::vector<fs::path> images = stated_images(folder.files, nodes, folder.path, folder.root, options);
   const std::vector<fs::path> masks =
       stated_files(folder.files, nodes, "mask_path", folder.path, NamedFiles::Kind::mask);
   std::size_t i = 0;
@@ -192,11 +191,12 @@ Split make_split(BlenderFolder& folder, const SplitFile& file, const DatasetOpti
     return result;
   }
   if (needs_images && std::ranges::all_of(frames, lacks_image)) {
+    if (file.split == "train") {
+      std::vector<Node> nodes;
+      for (const BlenderFrame& frame : frames) nodes.push_back(frame.node);
+      fail(ErrorKind::data, "{}: {}", file.file.where, no_images(folder.files, nodes, folder.path, options));
+    }
     const std::string first = folder.files.missing(folder.path, frames[0].node.text("file_path"));
-    if (file.split == "train")
-      fail(ErrorKind::data,
-           "{}: none of the {} images exists: for example, {}; copy the images there or correct 'file_path'",
-           file.file.where, frames.size(), first);
     report->note_difference(fmt::format("no {} split: none of the {} images of {} exists: for example, {}",
                                         file.split, frames.size(), file_name, first));
     return result;
@@ -247,7 +247,7 @@ bool has_blender_split(const fs::path& folder, const std::string& split) {
 Split load_blender_split(const fs::path& path, const std::string& split, const DatasetOptions& options) {
   BlenderFolder folder{DataRoot(path, options.read.allow_outside), path};
   LoadReport report;
-  read_splits(folder, report);
+  read_splits(folder, options, report);
   const SplitFile* file = folder.find(split);
   if (!file) fail(ErrorKind::data, "{}: no such file", transforms_path(path, split).string());
   return make_split(folder, *file, options, false, nullptr);
@@ -256,7 +256,7 @@ Split load_blender_split(const fs::path& path, const std::string& split, const D
 LoadedScene load_blender(const fs::path& path, const DatasetOptions& options) {
   BlenderFolder folder{DataRoot(path, options.read.allow_outside), path};
   LoadedScene scene;
-  read_splits(folder, scene.report);
+  read_splits(folder, options, scene.report);
   if (folder.splits.empty())
     fail(ErrorKind::data,
          "{}: this folder contains no transforms_train.json, transforms_val.json or transforms_test.json",

@@ -226,6 +226,64 @@ std::vector<fs::path> stated_files(NamedFiles& files, const std::vector<Node>& f
   return result;
 }
 
+namespace {
+
+// Returns the folders that all names have in common, as the number of their components.
+std::size_t common_folders(const std::vector<StatedName>& names) {
+  std::vector<std::string> common;
+  for (std::size_t i = 0; i < names.size(); ++i) {
+    std::vector<std::string> parts = path_components(names[i].name);
+    if (!parts.empty()) parts.pop_back();
+    if (i == 0) common = parts;
+    const auto end = std::ranges::mismatch(common, parts).in1;
+    common.erase(end, common.end());
+  }
+  return common.size();
+}
+
+// Returns the names of the images in the folder that --images selects.
+std::vector<StatedName> names_in_folder(const std::vector<Node>& frames) {
+  std::vector<StatedName> names;
+  for (const Node& frame : frames) names.push_back({frame.text("file_path"), frame.where});
+  const auto skipped = static_cast<std::ptrdiff_t>(common_folders(names));
+  for (StatedName& name : names) {
+    const std::vector<std::string> parts = path_components(name.name);
+    if (!parts.empty()) name.name = fmt::format("{}", fmt::join(parts.begin() + skipped, parts.end(), "/"));
+  }
+  return names;
+}
+
+}  // namespace
+
+std::vector<fs::path> stated_images(NamedFiles& files, const std::vector<Node>& frames,
+                                    const fs::path& folder, DataRoot& root, const DatasetOptions& options) {
+  if (options.read.images == "auto")
+    return stated_files(files, frames, "file_path", folder, NamedFiles::Kind::image);
+  const fs::path base = folder / options.read.images;
+  if (options.load_images && !is_folder(base))
+    fail(ErrorKind::data, "{}: the image folder '{}' does not exist", folder.string(), options.read.images);
+  if (options.images_from_user) root.add(base);
+  return files.find(base, names_in_folder(frames), NamedFiles::Kind::image, true);
+}
+
+std::string no_images(NamedFiles& files, const std::vector<Node>& frames, const fs::path& folder,
+                      const DatasetOptions& options) {
+  if (options.read.images != "auto")
+    return fmt::format("none of the {} images exists: for example, {}; pass another folder with --images",
+                       frames.size(),
+                       files.missing(folder / options.read.images, names_in_folder(frames)[0].name));
+  // Some data sets only contain folders of reduced images, such as images_2 and images_4.
+  std::string hint = "copy the images there or correct 'file_path'";
+  for (const fs::path& entry : folder_entries(folder.empty() ? fs::path(".") : folder))
+    if (is_folder(entry) && !pictures_in(entry).empty()) {
+      hint +=
+          fmt::format(", or pass the folder of the images, such as --images {}", entry.filename().string());
+      break;
+    }
+  return fmt::format("none of the {} images exists: for example, {}; {}", frames.size(),
+                     files.missing(folder, frames[0].text("file_path")), hint);
+}
+
 std::size_t count_masks(NamedFiles& files, const std::vector<Node>& frames,
                         const std::vector<fs::path>& images, const std::vector<fs::path>& masks,
                         const fs::path& folder) {

@@ -50,6 +50,15 @@ std::vector<Node> frame_nodes(const Json& file, const std::string& path, const c
 std::vector<std::filesystem::path> stated_files(NamedFiles& files, const std::vector<Node>& frames,
                                                 const char* key, const std::filesystem::path& folder,
                                                 NamedFiles::Kind kind);
+// Returns the image of each frame ("file_path"), or an empty path. With --images, the images are in that
+// folder. There they have the names of the file paths without the folders that all of them have in common.
+std::vector<std::filesystem::path> stated_images(NamedFiles& files, const std::vector<Node>& frames,
+                                                 const std::filesystem::path& folder, DataRoot& root,
+                                                 const DatasetOptions& options);
+// Returns a sentence for the error message if none of the images exists: where the first one was searched
+// for, and what to do.
+std::string no_images(NamedFiles& files, const std::vector<Node>& frames, const std::filesystem::path& folder,
+                      const DatasetOptions& options);
 // Returns the number of masks. Throws if a frame names a mask that does not exist, although its image exists.
 std::size_t count_masks(NamedFiles& files, const std::vector<Node>& frames,
                         const std::vector<std::filesystem::path>& images,

@@ -308,14 +308,14 @@ constexpr Layout kLayouts[] = {
        return names;
      },
      load_blender,
-     ""},
+     "--images"},
     {{"nerfstudio", "nerfstudio", "transforms.json"},
      [](const fs::path& path) {
        if (is_regular(path)) return named_if(small_extension(path) == ".json", path);
        return named_if(path_exists(path / "transforms.json"), "transforms.json");
      },
      load_nerfstudio,
-     "--test-every"},
+     "--images --test-every"},
     {{"colmap", "COLMAP", "sparse/0/cameras.bin or cameras.txt"},
      [](const fs::path& path) {
        const fs::path model = find_colmap_model(path);

@@ -126,7 +126,7 @@ std::optional<ImageSize> size_of(const Node& frame, const Node& file, const fs::
 LoadedScene load_nerfstudio(const fs::path& path, const DatasetOptions& options) {
   const fs::path json_path = is_folder(path) ? path / "transforms.json" : path;
   const fs::path folder = json_path.parent_path();
-  const DataRoot root(path, options.read.allow_outside);
+  DataRoot root(path, options.read.allow_outside);
   const Json json = parse_file(json_path == path ? path : root.check(json_path));
   const Node file{json, json_path.string()};
   std::vector<Node> frames = frame_nodes(json, file.where);
@@ -138,7 +138,7 @@ LoadedScene load_nerfstudio(const fs::path& path, const DatasetOptions& options)
   for (const Node& frame : frames) frame.text("file_path");
   check_times(frames);
   NamedFiles files(root, folder);
-  std::vector<fs::path> images = stated_files(files, frames, "file_path", folder, NamedFiles::Kind::image);
+  std::vector<fs::path> images = stated_images(files, frames, folder, root, options);
   const std::vector<fs::path> mask_files =
       stated_files(files, frames, "mask_path", folder, NamedFiles::Kind::mask);
   std::size_t bad = 0;
@@ -148,9 +148,7 @@ LoadedScene load_nerfstudio(const fs::path& path, const DatasetOptions& options)
   const auto image_of = [](const Node& frame) { return frame.text("file_path"); };
   const bool some = std::ranges::any_of(images, [](const fs::path& image) { return !image.empty(); });
   if (options.load_images && !some)
-    fail(ErrorKind::data,
-         "{}: none of the {} images exists: for example, {}; copy the images there or correct 'file_path'",
-         json_path.string(), frames.size(), files.missing(folder, image_of(frames[0])));
+    fail(ErrorKind::data, "{}: {}", json_path.string(), no_images(files, frames, folder, options));
   const std::size_t masks = count_masks(files, frames, images, mask_files, folder);
   LoadedScene scene;
   std::vector<NamedView> named;

@@ -2,10 +2,15 @@
 #include "host/model/keyframes.hpp"
 
 #include <algorithm>
+#include <array>
+#include <cmath>
 #include <nlohmann/json.hpp>
 #include <numbers>
+#include <string>
+#include <vector>
 
 #include "host/base/error.hpp"
+#include "host/base/file.hpp"
 #include "host/base/json.hpp"
 #include "host/dataset/frames_json.hpp"
 
@@ -63,10 +68,117 @@ Pose read_pose(const Node& node, const KeyframeDefaults& defaults) {
   return pose;
 }
 
+// Returns the elements of an array of numbers.
+std::vector<double> numbers_of(const Node& node, const char* key, std::size_t count) {
+  const Json& values = node.has(key) ? node.json[key] : Json();
+  std::vector<double> numbers;
+  if (values.is_array())
+    for (const Json& value : values)
+      if (value.is_number()) numbers.push_back(value.get<double>());
+  if (numbers.size() != count || values.size() != count)
+    fail(ErrorKind::data, "{}: '{}' must be {} numbers", node.where, key, count);
+  return numbers;
+}
+
+// Returns the horizontal angle of view of an image whose width is `aspect` times its height. All angles are
+// in degrees.
+double horizontal_degrees(double vertical, double aspect) {
+  return 2 / kDegree * std::atan(std::tan(vertical * kDegree / 2) * aspect);
+}
+
+const Json& member(const Json& json, const char* key, Json::value_t type, const std::string& where) {
+  if (!json.is_object() || !json.contains(key) || json[key].type() != type || json[key].empty())
+    fail(ErrorKind::data, "{}: '{}' is missing, empty or of another type", where, key);
+  return json[key];
+}
+
+// In a path of nerfstudio, the angles of view are vertical.
+Json from_nerfstudio(const Json& path, const std::string& where) {
+  if (path.value("camera_type", "perspective") != "perspective")
+    fail(ErrorKind::data, "{}: only paths with 'camera_type' perspective can be rendered", where);
+  Json result{{"closed", path.value("is_cycle", false)}, {"keyframes", Json::array()}};
+  const Node file{path, where};
+  double aspect = 0;
+  if (file.has("render_width") && file.has("render_height"))
+    aspect = file.number("render_width") / file.number("render_height");
+  for (const Json& camera : member(path, "camera_path", Json::value_t::array, where)) {
+    const Node node{camera, fmt::format("{}: camera {}", where, result["keyframes"].size())};
+    const std::vector<double> m = numbers_of(node, "camera_to_world", 16);
+    Json matrix = Json::array();
+    for (std::size_t row = 0; row < 4; ++row)
+      matrix.push_back({m[4 * row], m[4 * row + 1], m[4 * row + 2], m[4 * row + 3]});
+    Json& keyframe = result["keyframes"].emplace_back(Json{{"transform_matrix", matrix}});
+    const double across = node.has("aspect") && aspect == 0 ? node.number("aspect") : aspect;
+    if (node.has("fov") && across > 0) keyframe["fov"] = horizontal_degrees(node.number("fov"), across);
+    if (node.has("render_time")) keyframe["time"] = node.number("render_time");
+  }
+  return result;
+}
+
+// The rotations of 3DGS are camera-to-world, and its cameras have z forward.
+Json from_3dgs(const Json& cameras, const std::string& where) {
+  Json result{{"keyframes", Json::array()}};
+  for (const Json& camera : cameras) {
+    const Node node{camera, fmt::format("{}: camera {}", where, result["keyframes"].size())};
+    if (!camera.is_object()) fail(ErrorKind::data, "{}: must be an object", node.where);
+    const std::array<double, 3> position = node.vector("position");
+    const Json& rows = member(camera, "rotation", Json::value_t::array, node.where);
+    Json matrix = Json::array();
+    for (std::size_t r = 0; r < 3; ++r) {
+      const Json row{{"row", r < rows.size() ? rows[r] : Json()}};
+      const std::array<double, 3> v = Node{row, node.where + ": 'rotation'"}.vector("row");
+      matrix.push_back({v[0], -v[1], -v[2], position[r]});
+    }
+    result["keyframes"].push_back(
+        {{"transform_matrix", matrix},
+         {"fov", 2 / kDegree * std::atan(node.number("width") / (2 * node.number("fx")))}});
+  }
+  return result;
+}
+
+// SuperSplat rotates models by 180 degrees about z, so that y points up.
+Json from_supersplat(const Json& settings, const std::string& where) {
+  const Json& track = member(settings, "animTracks", Json::value_t::array, where)[0];
+  const Json& frames = member(track, "keyframes", Json::value_t::object, where + ": animTracks[0]");
+  const std::string at = where + ": animTracks[0]: keyframes";
+  const Node values{member(frames, "values", Json::value_t::object, at), at + ": values"};
+  const std::size_t count = member(frames, "times", Json::value_t::array, at).size();
+  const std::vector<double> positions = numbers_of(values, "position", 3 * count);
+  const std::vector<double> targets = numbers_of(values, "target", 3 * count);
+  std::vector<double> angles;
+  if (values.has("fov")) angles = numbers_of(values, "fov", count);
+  const Json camera = settings.value("camera", Json::object());
+  if (angles.empty() && camera.is_object() && camera.contains("fov"))
+    angles.assign(count, Node{camera, where + ": camera"}.number("fov"));
+  Json result{{"closed", track.value("loopMode", "none") == "repeat"}, {"keyframes", Json::array()}};
+  for (std::size_t i = 0; i < count; ++i) {
+    Json& keyframe = result["keyframes"].emplace_back(
+        Json{{"position", {-positions[3 * i], -positions[3 * i + 1], positions[3 * i + 2]}},
+             {"look_at", {-targets[3 * i], -targets[3 * i + 1], targets[3 * i + 2]}},
+             {"up", {0, -1, 0}}});
+    if (!angles.empty()) keyframe["fov"] = angles[i];
+  }
+  return result;
+}
+
+// Reads the file as keyframes, which may be converted from a path of another program.
+Json read_json(const std::filesystem::path& path) {
+  Json json;
+  try {
+    json = parse_json(read_text_file(path), path.string());
+  } catch (const Error&) {  // parse_file() also explains numbers that are not finite
+    return frames::parse_file(path, "keyframes");
+  }
+  if (json.is_array() && !json.empty()) return from_3dgs(json, path.string());
+  if (json.is_object() && json.contains("camera_path")) return from_nerfstudio(json, path.string());
+  if (json.is_object() && json.contains("animTracks")) return from_supersplat(json, path.string());
+  return frames::parse_file(path, "keyframes");
+}
+
 }  // namespace
 
 KeyframeFile read_keyframes(const std::filesystem::path& path, const KeyframeDefaults& defaults) {
-  const Json json = frames::parse_file(path, "keyframes");
+  const Json json = read_json(path);
   check_fields(json, path.string(), {"closed", "keyframes"});
   KeyframeFile file;
   if (json.contains("closed")) {

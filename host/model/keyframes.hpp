@@ -5,6 +5,8 @@
 // Instead of position, look_at and up, a keyframe may have a matrix: either "world_to_camera" (3x4 or 4x4,
 // with the axes of COLMAP and OpenCV: x right, y down, z forward), or "transform_matrix" (camera to world,
 // with the axes of transforms.json: x right, y up, z backward).
+// It also reads the camera paths of nerfstudio (camera_path.json), the cameras of 3DGS (cameras.json) and the
+// settings of SuperSplat's viewer (settings.json). These files are converted to keyframes.
 #pragma once
 
 #include <filesystem>

@@ -132,6 +132,15 @@ TEST_CASE("cli: wrong usage gives a message of one line and exit code 2, or 3 fo
                 "\"${f%.*}.jpg\"; done')");
   }
   check_error(folder, "train --data d --out o --itertions 3", 2, "did you mean --iterations?");
+  // Options of other trainers
+  for (const auto& [theirs, ours] : {std::pair{"-s d", "--data ("},
+                                     {"-m o", "--out ("},
+                                     {"-r 2", "--downscale ("},
+                                     {"--resolution 2", "--downscale ("},
+                                     {"--eval", "--test-every ("},
+                                     {"--steps 9", "--iterations ("}})
+    check_error(folder, fmt::format("train {}", theirs), 2, fmt::format("did you mean {}", ours));
+  check_error(folder, "render -m model --out o", 2, "did you mean --model (");
   check_error(folder, "train --data d --out o --iterations 0", 2, "--iterations: iterations = '0'");
   check_error(folder, "train --data d --out o --lr-rgb nan", 2, "lr_rgb = 'nan'");
   check_error(folder, "train --data d --out o --set cap_mux=3", 2, "did you mean 'cap_max'?");

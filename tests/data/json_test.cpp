@@ -55,6 +55,18 @@ TEST_CASE("json: errors contain the file and the position", "[json]") {
   CHECK_THAT(error("[\"\xff\"]"), Contains("dir/a.json: malformed JSON"));
 }
 
+TEST_CASE("json: UTF-16 and comments are named", "[json]") {
+  const auto error = [](const std::string& text) { return message_of([&] { parse_json(text, "a.json"); }); };
+  using std::string_literals::operator""s;
+  for (const std::string& text : {"\xff\xfe{\0}\0"s, "\xfe\xff\0{\0}"s, "{\0}\0"s, "\0{\0}"s})
+    CHECK_THAT(error(text), Contains("a.json: the text is in UTF-16: save it as UTF-8"));
+  for (const char* comment : {"// x", "/* x */", "# x"})
+    CHECK_THAT(error(fmt::format("{{\n\"a\": 1, {}\n\"b\": 2}}", comment)),
+               Contains("comments") && Contains("line 2"));
+  CHECK_THAT(error("{\"a\": 1/2}"), !Contains("comments"));
+  CHECK(parse_json("{\"a\": \"// # x\"}", "a.json")["a"] == "// # x");
+}
+
 TEST_CASE("json: up to 100 levels of nesting are read, and more are rejected", "[json]") {
   const auto nested = [](const std::string& open, const std::string& close, std::size_t depth) {
     return parse_json(repeated(open, depth) + "0" + repeated(close, depth), "a.json");

@@ -298,6 +298,29 @@ TEST_CASE("nerfstudio: a rotation that was rounded to three decimal places is re
              Contains("is not a rotation"));
 }
 
+TEST_CASE("nerfstudio: --images selects another folder of images, also in the Blender layout", "[dataset]") {
+  for (const char* file : {"transforms.json", "transforms_train.json"}) {
+    const TempFolder folder;
+    for (int i = 0; i < 4; ++i)
+      for (const int factor : {2, 4})
+        put_image(folder / fmt::format("images_{}/f{}.png", factor, i), 64 / factor, 48 / factor, i);
+    put(folder / file, nerfstudio_json(kHead));
+    DatasetOptions options;
+    CHECK_THAT(message_of([&] { load_dataset(folder.path(), options); }),
+               Contains("none of the 4 images exists") && Contains("--images images_2"));
+    options.read.images = "images_2";
+    const Dataset data = load_dataset(folder.path(), options);
+    const View& view = data.splits[0].views[0];
+    CHECK(view.file == folder / fmt::format("images_2/{}.png", view.name));
+    CHECK(view.camera.width == 32);
+    CHECK(view.camera.fx == Approx(25));
+    for (const std::string& note : data.report.notes) CHECK_THAT(note, !Contains("slightly different names"));
+    options.read.images = "none";
+    CHECK_THAT(message_of([&] { load_dataset(folder.path(), options); }),
+               Contains("the image folder 'none' does not exist"));
+  }
+}
+
 TEST_CASE("dataset: if the data are in another folder, the error names it", "[dataset]") {
   const auto refusal = [](const std::vector<std::string>& files, const std::string& passed = "") {
     const TempFolder folder;
@@ -433,8 +456,8 @@ TEST_CASE("dataset: settings that a layout does not use are rejected", "[dataset
     put(folder / file, "{}");
     return message_of([&] { load_dataset(folder.path(), options); }, ErrorKind::usage);
   };
-  CHECK_THAT(refusal("transforms.json", {.read = {.images = "images_4"}}),
-             Contains("nerfstudio does not use --images"));
+  CHECK_THAT(refusal("transforms.json", {.read = {.colmap_model = "1"}}),
+             Contains("nerfstudio does not use --colmap-model"));
   CHECK_THAT(refusal("transforms.json", {.read = {.frames = {.end = 3}}}), Contains("not use --frames"));
   CHECK_THAT(refusal("transforms_train.json", {.read = {.test_every = 4}}), Contains("not use --test-every"));
   // Earlier versions recorded test_every = 8 for all layouts, so this value must be accepted.

@@ -838,8 +838,7 @@ TEST_CASE("kinds: errors describe files without splats", "[formats]") {
       {"a.7z", "7z\xbc\xaf and more", "an archive: unpack it first"},
       {"transforms.json", R"({"frames": []})", "cameras of a data folder, no splats"},
       {"gltf.json", R"({"asset": {}, "meshes": []})", "its name must end with .gltf"},
-      {"cameras.json", R"([{"id": 0, "img_name": "a", "rotation": [], "fx": 1}])",
-       "3DGS (cameras.json)"},
+      {"cameras.json", R"([{"id": 0, "img_name": "a", "rotation": [], "fx": 1}])", "3DGS (cameras.json)"},
       {"list.json", "[]", "a JSON file, no splats"},
       {"a.npy", "\x93NUMPY and more", "arrays of NumPy: export the splats as PLY"},
       {"a.npz", zip_of({{"means.npy", "x"}, {"quats.npy", "x"}}),
@@ -851,8 +850,8 @@ TEST_CASE("kinds: errors describe files without splats", "[formats]") {
       {"w.ply", "<!DOCTYPE html>", "a web page"},
       {"g.ply", "version https://git-lfs.github.com/spec/v1", "git lfs pull"},
       {"k.ksplat", std::string(4096, '\1'), ".ksplat"},
-      {"meta.lcc", R"({"version": "1.1", "splats": [100], "encoding": "COMPRESS"})", "LCC file of XGRIDS"},
-      {"x.rad", "RAD0" + std::string(200, '\0'), "RAD file of Spark"},
+      {"meta.lcc", R"({"version": "1.1", "splats": [100], "encoding": "COMPRESS"})", "XGRIDS Lixel CyberColor"},
+      {"x.rad", "RAD0" + std::string(200, '\0'), "Spark"},
       {"e.ply", "", "an empty file"},
       {"n.bin", "nothing known", "not a splat file: expected"}};
   for (const auto& [name, content, message] : kinds) {

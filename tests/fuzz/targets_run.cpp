@@ -81,7 +81,12 @@ void run_keyframes(Data d) {
 std::vector<std::string> seed_keyframes() {
   return {
       R"({"closed":true,"keyframes":[{"position":[1,2,3],"look_at":[0,0,0],"up":[0,0,1],"fov":50,"time":0.5},)"
-      R"({"world_to_camera":[[1,0,0,1],[0,1,0,2],[0,0,1,3]],"time":0},{"time":1,"transform_matrix":[[1,0,0,1],[0,1,0,2],[0,0,1,3],[0,0,0,1]]}]})"};
+      R"({"world_to_camera":[[1,0,0,1],[0,1,0,2],[0,0,1,3]],"time":0},{"time":1,"transform_matrix":[[1,0,0,1],[0,1,0,2],[0,0,1,3],[0,0,0,1]]}]})",
+      R"({"camera_type":"perspective","render_width":4,"render_height":3,"is_cycle":true,"camera_path":[)"
+      R"({"camera_to_world":[1,0,0,0,0,1,0,0,0,0,1,3,0,0,0,1],"fov":50,"aspect":1.5}]})",
+      R"([{"id":0,"width":128,"position":[0,0,-3],"rotation":[[1,0,0],[0,1,0],[0,0,1]],"fx":110.0}])",
+      R"({"camera":{"fov":60},"animTracks":[{"loopMode":"repeat","keyframes":{"times":[0,30],"values":)"
+      R"({"position":[0,0,3,1,0,3],"target":[0,0,0,0,0,0]}}}]})"};
 }
 
 }  // namespace ubs::fuzz

@@ -3,6 +3,7 @@
 #include "host/model/keyframes.hpp"
 
 #include <catch2/catch.hpp>
+#include <cmath>
 #include <numbers>
 
 #include "tests/support/temp_folder.hpp"
@@ -48,6 +49,41 @@ TEST_CASE("keyframes: the three representations of a pose agree") {
   CHECK(file.poses[0].fov == Approx(40 * std::numbers::pi / 180));
   CHECK(file.poses[1].fov == Approx(60 * std::numbers::pi / 180));
   CHECK(file.poses[2].fov == 0.5);
+}
+
+TEST_CASE("keyframes: paths of other programs are read") {
+  const TempFolder folder;
+  const auto read = [&](const std::string& text) {
+    test::put(folder / "k.json", text);
+    return read_keyframes(folder / "k.json", {});
+  };
+  // All cameras are at (1, 2, 3), look along +x, and have z up.
+  const KeyframeFile nerfstudio = read(R"({"camera_type": "perspective", "render_width": 1600,
+    "render_height": 800, "is_cycle": true, "keyframes": [{"matrix": "[]"}], "camera_path": [
+    {"camera_to_world": [0,0,-1,1, -1,0,0,2, 0,1,0,3, 0,0,0,1], "fov": 90, "aspect": 1}]})");
+  const KeyframeFile gaussians = read(R"([{"id": 0, "img_name": "a", "width": 200, "height": 100,
+    "position": [1,2,3], "rotation": [[0,0,1],[-1,0,0],[0,-1,0]], "fx": 100, "fy": 50}])");
+  // SuperSplat rotates the model by 180 degrees about z.
+  const KeyframeFile supersplat = read(R"({"camera": {"fov": 75}, "animTracks": [{"loopMode": "none",
+    "keyframes": {"times": [0], "values": {"position": [-1,-2,3], "target": [-5,-2,3]}}}]})");
+  CHECK(nerfstudio.closed);
+  for (const KeyframeFile& file : {nerfstudio, gaussians, supersplat}) {
+    REQUIRE(file.poses.size() == 1);
+    CHECK(distance(file.poses[0].position, {1, 2, 3}) < 1e-14);
+    CHECK(distance(file.poses[0].forward(), {1, 0, 0}) < 1e-14);
+  }
+  for (const KeyframeFile& file : {nerfstudio, gaussians})
+    CHECK(distance(file.poses[0].down(), {0, 0, -1}) < 1e-14);
+  CHECK(distance(supersplat.poses[0].down(), {0, 1, 0}) < 1e-14);
+  CHECK(nerfstudio.poses[0].fov == Approx(2 * std::atan(2.0)));  // 90 degrees high, twice as wide as high
+  CHECK(gaussians.poses[0].fov == Approx(std::numbers::pi / 2));
+  CHECK(supersplat.poses[0].fov == Approx(75 * std::numbers::pi / 180));
+  CHECK_THAT(refused(R"({"camera_path": [{"camera_to_world": [1, 2]}]})"),
+             Contains("camera 0: 'camera_to_world' must be 16 numbers"));
+  CHECK_THAT(refused(R"({"camera_type": "fisheye", "camera_path": []})"), Contains("perspective"));
+  CHECK_THAT(refused(R"([{"position": [1,2,3]}])"), Contains("camera 0: 'rotation' is missing"));
+  CHECK_THAT(refused(R"({"animTracks": [{"keyframes": {"times": [0, 1], "values": {"position": [1]}}}]})"),
+             Contains("'position' must be 6 numbers"));
 }
 
 TEST_CASE("keyframes: errors contain the file, the keyframe and the field") {

@@ -115,13 +115,62 @@ void explain_command(CLI::App& root, const Command& command, const CommandEntry&
   dynamic_cast<HelpFormatter&>(*root.get_formatter()).know(command.app->get_name(), entry);
 }
 
+namespace {
+
+// An option of another trainer, the option of ubs that has this meaning, and what it is.
+struct OtherOption {
+  std::string_view theirs, ours, meaning;
+};
+constexpr OtherOption kOtherOptions[] = {
+    {"-s", "data", "the data folder"},
+    {"--source_path", "data", "the data folder"},
+    {"--source-path", "data", "the data folder"},
+    {"--data_dir", "data", "the data folder"},
+    {"--data-path", "data", "the data folder"},
+    {"-d", "data", "the data folder"},
+    {"-m", "model", "the model"},
+    {"--model_path", "model", "the model"},
+    {"--model-path", "model", "the model"},
+    {"-m", "out", "the output folder"},
+    {"--model_path", "out", "the output folder"},
+    {"--model-path", "out", "the output folder"},
+    {"-o", "out", "the output"},
+    {"--output", "out", "the output"},
+    {"--result_dir", "out", "the output folder"},
+    {"--output-path", "out", "the output folder"},
+    {"-r", "downscale", "the factor that reduces the images"},
+    {"--resolution", "downscale", "the factor that reduces the images"},
+    {"--data_factor", "downscale", "the factor that reduces the images"},
+    {"--downscale-factor", "downscale", "the factor that reduces the images"},
+    {"--eval", "test-every", "8 makes every 8th view a test view"},
+    {"--test_every", "test-every", "every n-th view is a test view"},
+    {"--steps", "iterations", "the number of iterations"},
+    {"--max_steps", "iterations", "the number of iterations"},
+    {"--max-steps", "iterations", "the number of iterations"},
+    {"--num-iters", "iterations", "the number of iterations"},
+    {"--max-num-iterations", "iterations", "the number of iterations"},
+    {"--total-steps", "iterations", "the number of iterations"},
+    {"-i", "iterations", "the number of iterations"},
+    {"--max-cap", "cap-max", "the maximum number of splats"},
+    {"--cap_max", "cap-max", "the maximum number of splats"},
+    {"--sh_degree", "degree", "the degree of the spherical harmonics"},
+    {"--white_background", "background", "1,1,1 is white"},
+    {"-w", "background", "1,1,1 is white"},
+};
+
+}  // namespace
+
 std::string suggest_option(const CLI::App& app, const std::vector<std::string>& arguments) {
   std::vector<std::string> known;
   for (const CLI::Option* option : app.get_options())
     for (const std::string& name : option->get_lnames()) known.push_back(name);
   for (const std::string& argument : arguments) {
-    if (!argument.starts_with("--")) continue;
     const std::string name = argument.substr(0, argument.find('='));
+    if (app.get_option_no_throw(name)) continue;
+    for (const OtherOption& other : kOtherOptions)
+      if (name == other.theirs && std::ranges::find(known, other.ours) != known.end())
+        return fmt::format("; did you mean --{} ({})?", other.ours, other.meaning);
+    if (!argument.starts_with("--")) continue;
     if (std::ranges::find(known, name.substr(2)) != known.end()) continue;
     const std::string nearest = nearest_word(name.substr(2), known);
     if (!nearest.empty()) return fmt::format("; did you mean --{}?", nearest);
