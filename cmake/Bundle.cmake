@@ -1,7 +1,7 @@
 # Defines targets for the libraries in a folder created by tools/make_bundle.sh (UBS_BUNDLE). The targets have the
 # names that find_package and pkg_check_modules would give them. This file is used on machines that only have a
 # compiler, CMake and the CUDA toolkit. Some libraries are header-only; the others are linked statically.
-foreach(part include/fmt/format.h include/CLI/CLI.hpp lib/libyaml-cpp.a lib/libz.a lib/libzstd.a)
+foreach(part include/fmt/format.h include/CLI/CLI.hpp lib/libyaml-cpp.a lib/libpugixml.a lib/libz.a lib/libzstd.a)
   if(NOT EXISTS ${UBS_BUNDLE}/${part})
     message(FATAL_ERROR "UBS_BUNDLE: ${UBS_BUNDLE}/${part} is missing: create the folder with tools/make_bundle.sh")
   endif()
@@ -20,5 +20,6 @@ foreach(header_only fmt::fmt CLI11::CLI11 nlohmann_json::nlohmann_json nanoflann
 endforeach()
 target_compile_definitions(fmt::fmt INTERFACE FMT_HEADER_ONLY=1)
 ubs_bundled(yaml-cpp libyaml-cpp.a)
+ubs_bundled(pugixml::pugixml libpugixml.a)
 ubs_bundled(ZLIB::ZLIB libz.a)
 ubs_bundled(PkgConfig::zstd libzstd.a)

@@ -16,7 +16,7 @@ set(static_parts ubs_capi ubs_model ubs_run ubs_check ubs_devices ubs_dataset ub
 if(UBS_OPENCL)
   list(APPEND static_parts ubs_opencl)
 endif()
-set(UBS_STATIC_LIBRARIES stdc++ m pthread dl fmt yaml-cpp z zstd)
+set(UBS_STATIC_LIBRARIES stdc++ m pthread dl fmt yaml-cpp pugixml z zstd)
 if(UBS_OPENCL)
   list(APPEND UBS_STATIC_LIBRARIES OpenCL clblast)
 endif()

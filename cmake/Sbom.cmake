@@ -56,6 +56,7 @@ ubs_sbom(zstd "${zstd_VERSION}" "BSD-3-Clause")
 ubs_sbom(yaml-cpp "${yaml-cpp_VERSION}" "MIT")
 ubs_sbom(fmt "${fmt_VERSION}" "MIT")
 ubs_sbom(nlohmann_json "${nlohmann_json_VERSION}" "MIT")
+ubs_sbom(pugixml "${pugixml_VERSION}" "MIT")
 ubs_sbom(nanoflann "${nanoflann_VERSION}" "BSD-2-Clause")
 ubs_sbom(CLI11 "${CLI11_VERSION}" "BSD-3-Clause")
 # string(TIMESTAMP) uses the time in the environment variable SOURCE_DATE_EPOCH if it is set.

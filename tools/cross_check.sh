@@ -23,7 +23,7 @@ if [ ! -d "$system" ]; then
   arm64 update
   (cd "$folder/deb" && arm64 download ocl-icd-libopencl1 ocl-icd-opencl-dev opencl-c-headers opencl-clhpp-headers \
     libclblast1 libclblast-dev libfmt9 libfmt-dev libyaml-cpp0.7 libyaml-cpp-dev libzstd1 libzstd-dev zlib1g zlib1g-dev \
-    nlohmann-json3-dev libcli11-dev libnanoflann-dev catch2)
+    nlohmann-json3-dev libcli11-dev libnanoflann-dev libpugixml1v5 libpugixml-dev catch2)
   for package in "$folder"/deb/*.deb; do dpkg -x "$package" "$folder/part"; done
   # The CMake files of CLBlast contain the absolute path of a library.
   sed -i "s#/usr/lib/$triple/lib#$system/usr/lib/$triple/lib#g" "$folder/part/usr/lib/$triple/cmake/CLBlast/"*

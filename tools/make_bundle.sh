@@ -7,12 +7,12 @@
 set -eu
 out=${1:?usage: make_bundle.sh DIR}
 mkdir -p "$out/include" "$out/lib"
-for header in fmt CLI nlohmann nanoflann.hpp yaml-cpp zlib.h zconf.h zstd.h zstd_errors.h; do
+for header in fmt CLI nlohmann nanoflann.hpp pugixml.hpp pugiconfig.hpp yaml-cpp zlib.h zconf.h zstd.h zstd_errors.h; do
   cp -rL "/usr/include/$header" "$out/include/"
 done
 # These static libraries need the C++ library of this machine. The C++ library of the other machine must not be
 # older.
-for archive in libyaml-cpp.a libz.a libzstd.a; do
+for archive in libyaml-cpp.a libpugixml.a libz.a libzstd.a; do
   found=$(find /usr/lib /usr/lib64 -name "$archive" 2>/dev/null | head -1)
   [ -n "$found" ] || { echo "make_bundle.sh: $archive is not installed (tools/setup.sh lists the packages)" >&2; exit 1; }
   cp -L "$found" "$out/lib/"

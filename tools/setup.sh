@@ -20,7 +20,7 @@ packages=(
   libopencv-features2d-dev libopencv-calib3d-dev
   # JPEG and PNG decoders that report damage as errors
   libturbojpeg0-dev libpng-dev
-  libyaml-cpp-dev zlib1g-dev libzstd-dev pkg-config libcli11-dev libfmt-dev nlohmann-json3-dev libnanoflann-dev catch2
+  libyaml-cpp-dev zlib1g-dev libzstd-dev pkg-config libcli11-dev libfmt-dev nlohmann-json3-dev libnanoflann-dev libpugixml-dev catch2
   libjs-chart.js                                             # charts of ubs report
   libcpp-httplib-dev                                         # ubs view, ubs train --serve
   help2man                                                   # manual pages; optional

@@ -18,7 +18,7 @@ namespace fs = std::filesystem;
 
 const LensModel& colmap_model_of_name(const std::string& name, const std::string& where) {
   const auto row = std::ranges::find(lens_models(), std::string_view(name), &LensModel::name);
-  if (row == lens_models().end())
+  if (row == lens_models().end() || row->number < 0)
     fail(ErrorKind::data,
          "{}: camera model '{}' is not known: undistort with 'colmap image_undistorter', or use one of {}",
          where, name.substr(0, 40), known_lens_models());
@@ -90,7 +90,7 @@ bool is_model(const fs::path& folder) {
 
 const LensModel& colmap_model(int number, const std::string& where) {
   const auto row = std::ranges::find(lens_models(), number, &LensModel::number);
-  if (row == lens_models().end())
+  if (number < 0 || row == lens_models().end())
     fail(ErrorKind::data,
          "{}: camera model number {} is not known: undistort with 'colmap image_undistorter', or use one of "
          "{}",

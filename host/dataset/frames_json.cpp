@@ -359,17 +359,18 @@ std::optional<double> lookup(const Node& frame, const Node& file, const char* ke
   return std::nullopt;
 }
 
-std::optional<ImageSize> stated_size(const Node& frame, const Node& file, const fs::path& image) {
-  const auto width = lookup(frame, file, "w"), height = lookup(frame, file, "h");
+std::optional<ImageSize> stated_size(const Node& frame, const Node& file, const fs::path& image,
+                                     const char* width_key, const char* height_key) {
+  const auto width = lookup(frame, file, width_key), height = lookup(frame, file, height_key);
   if (width.has_value() != height.has_value())
     fail(ErrorKind::data, "{}: '{}' is given without '{}': give both or neither", frame.where,
-         width ? "w" : "h", width ? "h" : "w");
+         width ? width_key : height_key, width ? height_key : width_key);
   if (!width) return std::nullopt;
   if ((*width != std::floor(*width) || *height != std::floor(*height)) && path_exists(image)) {
     const ImageSize size = image_file_size(image);
     if (std::abs(*width - size.width) < 1 && std::abs(*height - size.height) < 1) return size;
   }
-  for (const auto& [key, value] : {std::pair{"w", *width}, std::pair{"h", *height}})
+  for (const auto& [key, value] : {std::pair{width_key, *width}, std::pair{height_key, *height}})
     if (!(value >= 1 && value <= kMaxPixelsAcross) || value != std::floor(value))
       fail(ErrorKind::data, "{}: '{}' = {} must be a whole number from 1 to {}", frame.where, key, value,
            kMaxPixelsAcross);
@@ -469,7 +470,7 @@ Lens read_lens(const Node& frame, const Node& file, ImageSize size) {
       lens.set(coefficient, lookup(frame, file, std::string(coefficient).c_str()).value_or(0.0));
   // A coefficient that the lens model does not have would be silently ignored, so it is an error.
   for (const char* key : {"k", "k0", "k1", "k2", "k3", "k4", "k5", "k6", "p0", "p1", "p2", "s0", "s1", "s2",
-                          "s3", "sx1", "sy1", "omega"})
+                          "s3", "sx1", "sy1", "omega", "skew"})
     if (const double value = lookup(frame, file, key).value_or(0.0);
         value != 0 && std::ranges::find(names, key) == names.end())
       fail(ErrorKind::data,

@@ -90,7 +90,8 @@ std::optional<double> lookup(const Node& frame, const Node& file, const char* ke
 // write them before Blender truncates them to whole pixels. For a fractional size, the size of the image file
 // is returned if the file exists and its width and height differ from "w" and "h" by less than a pixel. Any
 // other fractional size is an error.
-std::optional<ImageSize> stated_size(const Node& frame, const Node& file, const std::filesystem::path& image);
+std::optional<ImageSize> stated_size(const Node& frame, const Node& file, const std::filesystem::path& image,
+                                     const char* width_key = "w", const char* height_key = "h");
 
 // Sets the image size, the focal lengths and the principal point. `stated` is the image size that quantities
 // in pixels of the JSON refer to, and `actual` is the size of the loaded image.

@@ -99,6 +99,16 @@ PlanePoint distort_opencv(const LensCoefficients& k, const PlanePoint& p) {
           y * radial + 2 * k[3] * x * y + k[2] * (r2 + 2 * y * y)};
 }
 
+// Coefficients k1 k2 k3 k4 p1 p2 skew: radial distortion up to the eighth power, as Metashape and RealityScan
+// have it. `skew` is the part of the vertical position that is added to the horizontal one.
+PlanePoint distort_brown(const LensCoefficients& k, const PlanePoint& p) {
+  const auto [x, y] = p;
+  const double r2 = x * x + y * y, radial = 1 + r2 * (k[0] + r2 * (k[1] + r2 * (k[2] + r2 * k[3])));
+  const double u = x * radial + 2 * k[4] * x * y + k[5] * (r2 + 2 * x * x);
+  const double v = y * radial + 2 * k[5] * x * y + k[4] * (r2 + 2 * y * y);
+  return {u + k[6] * v, v};
+}
+
 // Coefficients k1 k2 k3 k4.
 PlanePoint distort_fisheye(const LensCoefficients& k, const PlanePoint& p) {
   const double t2 = p[0] * p[0] + p[1] * p[1];
@@ -198,6 +208,8 @@ std::optional<Ray> unproject_equirectangular(const LensCoefficients&, const Plan
 
 constexpr LensFormula kOpencv{"k1 k2 p1 p2 k3 k4 k5 k6", project_plane<distort_opencv>,
                               unproject_plane<distort_opencv>, 8};
+constexpr LensFormula kBrown{"k1 k2 k3 k4 p1 p2 skew", project_plane<distort_brown>,
+                             unproject_plane<distort_brown>, 7};
 constexpr LensFormula kFisheye{"k1 k2 k3 k4", project_angle<distort_fisheye>,
                                unproject_angle<distort_fisheye>, -1};
 constexpr LensFormula kThinPrism{"k1 k2 p1 p2 k3 k4 sx1 sy1", project_angle<distort_thin_prism>,
@@ -234,6 +246,7 @@ constexpr LensModel kModels[] = {
     {15, "FISHEYE", "", "fx fy cx cy", kFisheyeExtra, &kFisheye},
     {16, "EUCM", "", "fx fy cx cy alpha beta", "", &kEucm},
     {17, "EQUIRECTANGULAR", "", "w h", "", &kEquirectangular},
+    {-1, "BROWN", "", "fx fy cx cy k1 k2 k3 k4 p1 p2 skew", "", &kBrown},
 };
 
 }  // namespace
@@ -252,7 +265,8 @@ std::span<const LensModel> lens_models() { return kModels; }
 
 std::string known_lens_models() {
   std::vector<std::string> models;
-  for (const LensModel& model : kModels) models.push_back(fmt::format("{} {}", model.number, model.name));
+  for (const LensModel& model : kModels)
+    if (model.number >= 0) models.push_back(fmt::format("{} {}", model.number, model.name));
   return fmt::format("{}", fmt::join(models, ", "));
 }
 

@@ -35,7 +35,7 @@ struct LensFormula {
 
 // LensModel is a row of the table of camera models. Names in a list are separated by blanks.
 struct LensModel {
-  int number;                     // number in COLMAP's binary files
+  int number;                     // number in COLMAP's binary files; -1 for a model that COLMAP does not have
   std::string_view name;          // name in COLMAP's files; in transforms.json, case is ignored
   std::string_view json_aliases;  // further names of the model in transforms.json
   // Names of the parameters in COLMAP's order: focal length (f for both axes, or fx and fy), principal point
@@ -60,9 +60,9 @@ struct Lens {
   bool set(std::string_view parameter, double value);
 };
 
-// Returns the table, which contains the camera models 0 to 17 of COLMAP 4.
+// Returns the table, which contains the camera models 0 to 17 of COLMAP 4, and those of other programs.
 std::span<const LensModel> lens_models();
-// Returns "number NAME, number NAME, ...", for messages.
+// Returns "number NAME, number NAME, ..." of COLMAP's camera models, for messages.
 std::string known_lens_models();
 // Splits names that are separated by blanks.
 std::vector<std::string_view> words_of(std::string_view names);

@@ -309,9 +309,10 @@ constexpr Layout kLayouts[] = {
      },
      load_blender,
      "--images"},
-    {{"nerfstudio", "nerfstudio", "transforms.json"},
+    {{"nerfstudio", "nerfstudio, NeRFCapture", "transforms.json"},
      [](const fs::path& path) {
-       if (is_regular(path)) return named_if(small_extension(path) == ".json", path);
+       if (is_regular(path))
+         return named_if(small_extension(path) == ".json" && opensfm_files(path).empty(), path);
        return named_if(path_exists(path / "transforms.json"), "transforms.json");
      },
      load_nerfstudio,
@@ -330,6 +331,31 @@ constexpr Layout kLayouts[] = {
      load_llff,
      "",
      true},
+    {{"metashape", "Metashape", "*.xml with <document> and <chunk>"},
+     metashape_files,
+     load_metashape,
+     "--images --test-every"},
+    {{"realitycapture", "RealityCapture, RealityScan",
+      "*.csv with the columns name, heading, f, ...; or *.xmp with xcr:Rotation for the images"},
+     realitycapture_files,
+     load_realitycapture,
+     "--images --test-every"},
+    {{"opensfm", "OpenSfM, ODM", "reconstruction.json or opensfm/reconstruction.json"},
+     opensfm_files,
+     load_opensfm,
+     "--images --test-every"},
+    {{"bundler", "Bundler", "bundle.out with list.txt"},
+     bundler_files,
+     load_bundler,
+     "--images --test-every"},
+    {{"polycam", "Polycam", "keyframes/corrected_cameras/*.json or keyframes/cameras/*.json"},
+     polycam_files,
+     load_polycam,
+     "--images --test-every"},
+    {{"record3d", "Record3D", "metadata or metadata.json with poses and K"},
+     record3d_files,
+     load_record3d,
+     "--images --test-every"},
 };
 
 const Layout& layout_named(std::string_view name) {

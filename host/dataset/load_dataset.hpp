@@ -101,6 +101,19 @@ LoadedScene load_blender(const std::filesystem::path& folder, const DatasetOptio
 LoadedScene load_nerfstudio(const std::filesystem::path& path, const DatasetOptions& options);
 LoadedScene load_colmap(const std::filesystem::path& folder, const DatasetOptions& options);
 LoadedScene load_llff(const std::filesystem::path& folder, const DatasetOptions& options);
+LoadedScene load_metashape(const std::filesystem::path& path, const DatasetOptions& options);
+LoadedScene load_realitycapture(const std::filesystem::path& path, const DatasetOptions& options);
+LoadedScene load_opensfm(const std::filesystem::path& path, const DatasetOptions& options);
+LoadedScene load_bundler(const std::filesystem::path& path, const DatasetOptions& options);
+LoadedScene load_polycam(const std::filesystem::path& folder, const DatasetOptions& options);
+LoadedScene load_record3d(const std::filesystem::path& folder, const DatasetOptions& options);
+// Return the names of the files with cameras, if `path` is a folder of this layout or such a file.
+std::vector<std::string> metashape_files(const std::filesystem::path& path);
+std::vector<std::string> realitycapture_files(const std::filesystem::path& path);
+std::vector<std::string> opensfm_files(const std::filesystem::path& path);
+std::vector<std::string> bundler_files(const std::filesystem::path& path);
+std::vector<std::string> polycam_files(const std::filesystem::path& path);
+std::vector<std::string> record3d_files(const std::filesystem::path& path);
 // Loads a packed file. Its images were composited and reduced when the file was packed. Throws Error(data) if
 // `options` has another background than the file and an image is not opaque. Also throws if the downscale
 // factor of `options` is neither 1 nor that of the file.

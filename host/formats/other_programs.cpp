@@ -66,6 +66,8 @@ constexpr OtherProgram kPrograms[] = {
     {Content::cameras, "BlocksExchange (ContextCapture, iTwin Capture, DJI Terra)", "*.xml",
      "<BlocksExchange",
      "import it into Metashape or RealityScan, and export the cameras from there as XML or CSV"},
+    {Content::cameras, "RealityScan", "*.csv", "#name,x,y",
+     "this table has no focal lengths: export 'Internal/External camera parameters' instead"},
     {Content::cameras, "3DGS", "*cameras*.json", "\"img_name\"",
      "these are the cameras of a finished training, without lenses and image folders: pass the data folder "
      "that it was trained on (cfg_args names it); 'ubs render --path {0}' renders along these cameras"},

@@ -20,7 +20,7 @@ struct ReadSettings {
   std::string colmap_model = "auto";
   std::string cache_folder;  // for undistorted images and video frames; empty: they are not stored
   int downscale = 1;         // width and height of images are reduced by this factor
-  // For COLMAP, LLFF and nerfstudio data: every n-th view is a test view; 0: no test views; auto: see
+  // For all data except Blender and N3V: every n-th view is a test view; 0: no test views; auto: see
   // split_views() in host/dataset/split_views.hpp.
   int test_every = kAutoInt;
   int image_cache_mb = 4096;         // memory for decoded images [MB]; others are decoded when needed
@@ -53,8 +53,8 @@ std::vector<Field<S>> read_fields() {
             "in the published code",
             &choice<S, &S::principal_point>, -1, 1, false, "true|centre"}),
       used(kOfReading | kSetFirst, {"test_every",
-                                    "use every n-th view in the order of names as a test view (only COLMAP, "
-                                    "LLFF and nerfstudio data); 0: no test views; auto: every 8th view, or "
+                                    "use every n-th view in the order of names as a test view (not for "
+                                    "Blender and N3V data); 0: no test views; auto: every 8th view, or "
                                     "with fewer than 24 images, views that are chosen by their camera poses "
                                     "(docs/data.md)",
                                     &S::test_every, 0, 1'000'000, true}),

@@ -77,6 +77,12 @@ const std::vector<DataCase> kData{
     {"31-float-colours", 9, 33.73, 200, 0, ""},
     {"34-principal-point-far-off", 18, 36.63, 0, 0, ""},
     {"36-unit-1e-2", 18, 0, 0, 0, ""},
+    // The images of these two are JPEG files. The rotations of the other folders in 40-foreign-cameras are
+    // not those of the images.
+    {"40-foreign-cameras/metashape_xml", 9, 30.99, 0, 0, ""},
+    {"40-foreign-cameras/polycam_raw", 9, 30.99, 0, 0, ""},
+    {"40-foreign-cameras/opensfm", 9, 0, 0, 0, ""},
+    {"40-foreign-cameras/realitycapture_csv", 9, 0, 0, 0, ""},
 };
 
 struct ModelCase {
@@ -116,6 +122,12 @@ const std::vector<RefusedCase> kRefused{
     {"20-scaffold.ply", false, "200 anchors of Scaffold-GS, no splats"},
     {"29-nan-in-json", true, "transforms.json: frame 3: 'transform_matrix' has the value NaN"},
     {"30-zip.zip", true, "a ZIP archive of 17 files|unpack it first"},
+    {"40-foreign-cameras/replica", true, "Replica (traj.txt)|transforms.json"},
+    {"41-nerfstudio-reduced-folders", true, "none of the 9 images exists|--images images_2"},
+    {"42-multipleview", true, "4DGaussians multipleview: several moments|poses_bounds.npy"},
+    {"43-folders-of-splats/ply_sequence", true, "3 splat files (frame_00000.ply to frame_00002.ply)"},
+    {"46-json-utf16", true, "UTF-16: save it as UTF-8"},
+    {"48-gsplat-png", true, "PNG compression|gsplat.export_splats"},
     {"32-null-codebook.sog", false, "meta.json: scales.codebook[0] is null"},
 };
 

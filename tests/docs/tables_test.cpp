@@ -71,7 +71,8 @@ TEST_CASE("tables: docs/data.md has the lists of layouts, other programs, camera
     const auto own = ubs::words_of(model.parameters);
     for (const std::string_view word : ubs::words_of(model.json_extra))
       if (std::ranges::count(own, word) == 0) further += (further.empty() ? "" : " ") + std::string(word);
-    lenses += table_row({std::to_string(model.number), names, std::string(model.parameters), further});
+    lenses += table_row({model.number < 0 ? "" : std::to_string(model.number), names,
+                         std::string(model.parameters), further});
   }
   check_list("docs/data.md", "camera models", lenses);
 

@@ -311,6 +311,49 @@ std::vector<std::string> seed_json() {
       R"("ply_file_path":"p.ply","frames":[{"file_path":"a","transform_matrix":[[1,0,0,1],[0,1,0,2],[0,0,1,3]]}]})"};
 }
 
+// The first byte selects the layout, and the other bytes are its file.
+void run_cameras(Data d) {
+  constexpr std::pair<const char*, const char*> kFiles[] = {
+      {"metashape", "c/m.xml"},      {"realitycapture", "c/r.csv"},
+      {"realitycapture", "c/a.xmp"}, {"opensfm", "c/reconstruction.json"},
+      {"bundler", "c/bundle.out"},   {"polycam", "c/keyframes/cameras/a.json"},
+      {"record3d", "c/metadata"}};
+  if (d.empty()) return;
+  const auto& [layout, file] = kFiles[d[0] % std::size(kFiles)];
+  fs::remove_all(folder() / "c");
+  fs::create_directories((folder() / file).parent_path());
+  const std::string list = "a.png\n";
+  put("c/list.txt", {reinterpret_cast<const std::uint8_t*>(list.data()), list.size()});
+  put(file, d.subspan(1));
+  const std::string name = layout;
+  expect_error_only([&] { load_dataset(folder() / "c", {.read = {.layout = name}, .load_images = false}); });
+  expect_error_only([] { detect_layout(folder() / "c"); });
+}
+std::vector<std::string> seed_cameras() {
+  const std::string identity = "1 0 0 0 0 1 0 0 0 0 1 0 0 0 0 1";
+  return {
+      std::string(1, '\0') +
+          R"(<document><chunk><sensors><sensor id="0"><resolution width="8" height="6"/><calibration><f>9</f>)"
+          R"(<k1>0.1</k1></calibration></sensor></sensors><cameras><group><camera label="a" sensor_id="0">)"
+          "<transform>" +
+          identity +
+          "</transform></camera></group></cameras><transform><scale>2</scale>"
+          "</transform></chunk></document>",
+      "\1#name,x,y,alt,heading,pitch,roll,f,px,k1\na.png,1,2,3,10,20,30,35,0,0.1\n",
+      "\2<x><d xcr:Position=\"1 2 3\" xcr:FocalLength35mm=\"35\"><xcr:Rotation>1 0 0 0 1 0 0 0 "
+      "1</xcr:Rotation>"
+      "<xcr:DistortionCoeficients>0 0 0</xcr:DistortionCoeficients></d></x>",
+      "\3"
+      R"([{"cameras":{"c":{"projection_type":"brown","width":8,"height":6,"focal_x":1}},"shots":{"a":)"
+      R"({"camera":"c","rotation":[0,0,1],"translation":[0,0,0]}},"points":{"1":{"coordinates":[1,2,3]}}}])",
+      "\4# Bundle file v0.3\n1 1\n9 0.1 0\n1 0 0\n0 1 0\n0 0 1\n0 0 0\n1 2 3\n4 5 6\n1 0 0 1 1\n",
+      "\5"
+      R"({"t_00":1,"t_01":0,"t_02":0,"t_03":0,"t_10":0,"t_11":1,"t_12":0,"t_13":0,"t_20":0,"t_21":0,)"
+      R"("t_22":1,"t_23":0,"fx":9,"fy":9,"cx":4,"cy":3,"width":8,"height":6})",
+      "\6"
+      R"({"w":8,"h":6,"K":[9,0,0,0,9,0,4,3,1],"poses":[[0,0,0,1,1,2,3]]})"};
+}
+
 void run_npy(Data d) {
   const fs::path path = put("poses_bounds.npy", d);
   expect_error_only([&] { read_npy(path); });
@@ -433,6 +476,7 @@ std::span<const Target> targets() {
       {"colmap_binary", run_colmap_binary, seed_colmap_binary},
       {"colmap_text", run_colmap_text, seed_colmap_text},
       {"json", run_json, seed_json},
+      {"cameras", run_cameras, seed_cameras},
       {"npy", run_npy, seed_npy},
       {"image_header", run_image_header, seed_image_header},
       {"safetensors", run_safetensors, seed_safetensors},
