@@ -425,7 +425,8 @@ void name_other_program(const std::vector<fs::path>& paths, OtherProgram::Conten
 }
 
 // If a subfolder or the parent folder contains cameras, throws an error whose message says what to pass
-// instead of `folder`. `below` contains `folder` and its subfolders.
+// instead of `folder`. If the folder itself contains cameras of another program, the message names the
+// program. `below` contains `folder` and its subfolders.
 void name_folders_nearby(const fs::path& folder, const std::vector<fs::path>& below) {
   std::vector<fs::path> models, packed;
   std::vector<std::string> data;
@@ -446,6 +447,7 @@ void name_folders_nearby(const fs::path& folder, const std::vector<fs::path>& be
                                          fmt::join(data.begin(), data.begin() + 3, ", "), data.size())
          : data.size() > 1 ? fmt::format("one of {}", fmt::join(data, ", "))
                            : data.front());
+  name_other_program({folder}, OtherProgram::Content::cameras);
   fs::path above = (folder / "..").lexically_normal();
   if (above.filename().empty()) above = above.parent_path();  // removes the slash at the end
   if (const Layout* layout = layout_of(above))

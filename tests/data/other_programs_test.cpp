@@ -110,6 +110,14 @@ TEST_CASE("dataset: cameras of another program in UTF-16, in a subfolder, or alo
   CHECK_THAT(refusal(folder / "c/my_cameras.json"), Contains("3DGS"));
 }
 
+TEST_CASE("dataset: cameras of another program in a folder matter more than a data set in the folder above",
+          "[dataset]") {
+  const TempFolder folder;
+  put(folder / "transforms.json", "{}");
+  put(folder / "scan/traj.txt", "1 0 0 0");
+  CHECK_THAT(refusal(folder / "scan"), Contains("Replica (traj.txt)"));
+}
+
 TEST_CASE("formats: the last file in the output folder of another trainer is opened", "[formats]") {
   const TempFolder folder;
   const std::string ply = [&] {
