@@ -13,6 +13,7 @@
 #include <pugixml.hpp>
 #include <sstream>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "host/base/error.hpp"
@@ -47,9 +48,11 @@ struct Intrinsics {
 
 // ---- CSV ----
 
+// Returns the cells of a line, without the mark that Windows writes at the start of a file in UTF-8.
 std::vector<std::string> cells_of(const std::string& line) {
   std::vector<std::string> cells;
-  std::istringstream stream(line);
+  constexpr std::string_view kMark = "\xef\xbb\xbf";
+  std::istringstream stream(line.starts_with(kMark) ? line.substr(kMark.size()) : line);
   for (std::string cell; std::getline(stream, cell, ',');) {
     while (!cell.empty() && (cell.back() == '\r' || cell.back() == ' ')) cell.pop_back();
     while (!cell.empty() && cell.front() == ' ') cell.erase(0, 1);
@@ -93,7 +96,10 @@ std::array<double, 9> rotation_of(double heading, double pitch, double roll) {
 }
 
 std::vector<StatedView> read_csv(const fs::path& file) {
-  std::istringstream stream(read_text_file(file));
+  const std::string text = read_text_file(file);
+  if (text.starts_with("\xff\xfe") || text.starts_with("\xfe\xff"))
+    fail(ErrorKind::data, "{}: the text is in UTF-16: save it as UTF-8", file.string());
+  std::istringstream stream(text);
   std::vector<StatedView> views;
   std::map<std::string, std::size_t> columns;
   std::size_t number = 0;

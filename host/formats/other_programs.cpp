@@ -239,7 +239,7 @@ std::string start_of_file(const fs::path& path) {
   std::string text(kStart, '\0');
   stream.read(text.data(), static_cast<std::streamsize>(text.size()));
   text.resize(static_cast<std::size_t>(std::max<std::streamsize>(stream.gcount(), 0)));
-  if (text.starts_with("\xff\xfe") || text.starts_with("\xfe\xff")) std::erase(text, '\0');
+  if (text.starts_with("\xff\xfe") || text.starts_with("\xfe\xff")) std::erase(text.erase(0, 2), '\0');
   return text;
 }
 

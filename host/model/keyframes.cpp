@@ -86,6 +86,13 @@ double horizontal_degrees(double vertical, double aspect) {
   return 2 / kDegree * std::atan(std::tan(vertical * kDegree / 2) * aspect);
 }
 
+double positive_number(const Node& node, const char* key) {
+  if (!node.has(key)) fail(ErrorKind::data, "{}: '{}' is missing", node.where, key);
+  const double value = node.number(key);
+  if (!(value > 0)) fail(ErrorKind::data, "{}: '{}' = {} must be positive", node.where, key, value);
+  return value;
+}
+
 const Json& member(const Json& json, const char* key, Json::value_t type, const std::string& where) {
   if (!json.is_object() || !json.contains(key) || json[key].type() != type || json[key].empty())
     fail(ErrorKind::data, "{}: '{}' is missing, empty or of another type", where, key);
@@ -94,13 +101,13 @@ const Json& member(const Json& json, const char* key, Json::value_t type, const 
 
 // In a path of nerfstudio, the angles of view are vertical.
 Json from_nerfstudio(const Json& path, const std::string& where) {
-  if (path.value("camera_type", "perspective") != "perspective")
-    fail(ErrorKind::data, "{}: only paths with 'camera_type' perspective can be rendered", where);
-  Json result{{"closed", path.value("is_cycle", false)}, {"keyframes", Json::array()}};
   const Node file{path, where};
+  if (file.has("camera_type") && file.text("camera_type") != "perspective")
+    fail(ErrorKind::data, "{}: only paths with 'camera_type' perspective can be rendered", where);
+  Json result{{"closed", file.flag("is_cycle")}, {"keyframes", Json::array()}};
   double aspect = 0;
   if (file.has("render_width") && file.has("render_height"))
-    aspect = file.number("render_width") / file.number("render_height");
+    aspect = positive_number(file, "render_width") / positive_number(file, "render_height");
   for (const Json& camera : member(path, "camera_path", Json::value_t::array, where)) {
     const Node node{camera, fmt::format("{}: camera {}", where, result["keyframes"].size())};
     const std::vector<double> m = numbers_of(node, "camera_to_world", 16);
@@ -131,7 +138,8 @@ Json from_3dgs(const Json& cameras, const std::string& where) {
     }
     result["keyframes"].push_back(
         {{"transform_matrix", matrix},
-         {"fov", 2 / kDegree * std::atan(node.number("width") / (2 * node.number("fx")))}});
+         {"fov",
+          2 / kDegree * std::atan(positive_number(node, "width") / (2 * positive_number(node, "fx")))}});
   }
   return result;
 }
@@ -147,10 +155,11 @@ Json from_supersplat(const Json& settings, const std::string& where) {
   const std::vector<double> targets = numbers_of(values, "target", 3 * count);
   std::vector<double> angles;
   if (values.has("fov")) angles = numbers_of(values, "fov", count);
-  const Json camera = settings.value("camera", Json::object());
-  if (angles.empty() && camera.is_object() && camera.contains("fov"))
+  const Json camera = settings.contains("camera") ? settings["camera"] : Json();
+  if (angles.empty() && camera.contains("fov"))
     angles.assign(count, Node{camera, where + ": camera"}.number("fov"));
-  Json result{{"closed", track.value("loopMode", "none") == "repeat"}, {"keyframes", Json::array()}};
+  const bool closed = track.contains("loopMode") && track["loopMode"] == "repeat";
+  Json result{{"closed", closed}, {"keyframes", Json::array()}};
   for (std::size_t i = 0; i < count; ++i) {
     Json& keyframe = result["keyframes"].emplace_back(
         Json{{"position", {-positions[3 * i], -positions[3 * i + 1], positions[3 * i + 2]}},

@@ -120,6 +120,9 @@ TEST_CASE("layouts: errors in the cameras of other programs name the file, the p
   CHECK_THAT(refusal("r.csv", head + "a.png,1,2\n"), Contains("r.csv:2: expected 8 values, found 3"));
   CHECK_THAT(refusal("r.csv", head + "a.png,1,2,3,4,5,6,x\n"), Contains("r.csv:2: f: 'x' is not a number"));
   CHECK_THAT(refusal("r.csv", "#name,x,y,heading,pitch,roll,f\n"), Contains("column 'alt' is missing"));
+  std::string utf16 = "\xff\xfe";
+  for (const char c : head) utf16 += c, utf16 += '\0';
+  CHECK_THAT(refusal("r.csv", utf16), Contains("UTF-16: save it as UTF-8"));
   const auto xmp = [&](const std::string& attributes) {
     return refusal("images/a.xmp", "<x><d xcr:Rotation=\"1 0 0 0 1 0 0 0 1\" " + attributes + "/></x>");
   };

@@ -183,7 +183,7 @@ def realitycapture(folder, xmp):
 
     images(f"{folder}/images", distort, [c["name"] + ".png" for c in CAMERAS])
     if not xmp:
-        text = "#cameras 4\n#name,x,y,alt,heading,pitch,roll,f,px,py,k1,k2,k3,k4,t1,t2\n"
+        text = "\ufeff#cameras 4\n#name,x,y,alt,heading,pitch,roll,f,px,py,k1,k2,k3,k4,t1,t2\n"
         for c in CAMERAS:
             values = [*c["position"], *c["angles"], f35, px, py, *k, *t]
             text += c["name"] + ".png," + ",".join(f"{v:.10g}" for v in values) + "\r\n"
