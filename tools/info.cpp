@@ -269,7 +269,8 @@ int run_data(const InfoOptions& options) {
 void check_file(const std::filesystem::path& path) {
   if (!is_regular(path)) return;
   refuse_pictures(path);
-  if (small_extension(path) != ".ply" && small_extension(path) != ".json" && describe_file(path).empty())
+  if (small_extension(path) != ".ply" && small_extension(path) != ".json" && describe_file(path).empty() &&
+      camera_files_in(path).empty())
     fail(ErrorKind::data,
          "{}: neither a data set nor a model: pass a data folder, a transforms file (.json), a packed data "
          "set (.ubsd) or a splat file ({})",
@@ -279,9 +280,11 @@ void check_file(const std::filesystem::path& path) {
 int run(InfoOptions& options) {
   if (!is_packed(options.model)) check_file(options.model);
   const bool folder = is_folder(options.model);
-  // A data folder may also contain splats, such as those that its points were made from.
-  const bool data =
-      folder && !path_exists(RunFolder(options.model).model()) && !camera_files_in(options.model).empty();
+  // A data folder may also contain splats, such as those that its points were made from. JSON files may be
+  // both.
+  const bool may_be_data =
+      folder ? !path_exists(RunFolder(options.model).model()) : small_extension(options.model) != ".json";
+  const bool data = may_be_data && !camera_files_in(options.model).empty();
   const std::filesystem::path model = is_packed(options.model) || data ? std::filesystem::path()
                                       : folder                         ? model_in_folder(options.model)
                                                                        : find_splat_model(options.model);

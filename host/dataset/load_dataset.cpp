@@ -526,7 +526,8 @@ std::string layout_titles() {
 
 std::string detect_layout(const fs::path& path) {
   if (!is_folder(path) && !is_regular(path)) fail(ErrorKind::data, "{}: no such data folder", path.string());
-  if (!is_folder(path))
+  // The layout nerfstudio accepts all JSON files.
+  if (!is_folder(path) && small_extension(path) == ".json")
     for (const auto content : {OtherProgram::Content::cameras, OtherProgram::Content::splats})
       name_other_program({path}, content);
   for (const Layout& layout : kLayouts)

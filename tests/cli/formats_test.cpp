@@ -510,3 +510,12 @@ TEST_CASE("cli: the output folder of another trainer is opened, and a line says 
   CHECK(result.code == 0);
   CHECK_THAT(result.err, Contains("LichtFeld Studio: using lfs/splat_30000.ply, the last of 2 models"));
 }
+
+TEST_CASE("cli: the file with the cameras of another program can be passed instead of its folder") {
+  const TempFolder folder;
+  put_image(folder / "a.png", 8, 6);
+  put(folder / "cameras.csv", "#name,x,y,alt,heading,pitch,roll,f\na.png,1,2,3,10,20,30,35\n");
+  CHECK_THAT(ubs_ok(folder, "info cameras.csv --test-every 0").out, Contains("cameras.csv (realitycapture)"));
+  put(folder / "other.csv", "#name,x,y,z\na.png,1,2,3\n");
+  check_error(folder, "info other.csv", 3, "RealityScan (other.csv)");
+}
