@@ -22,7 +22,7 @@ if(UBS_OPENCL)
 endif()
 if(UBS_OPENCV)
   list(APPEND UBS_STATIC_LIBRARIES opencv_core opencv_imgproc opencv_features2d opencv_calib3d
-       turbojpeg png16)
+       turbojpeg png16 tiff OpenEXR Iex IlmThread Imath)
 endif()
 set(UBS_HAS_STATIC OFF)
 if(NOT UBS_WITH_CUDA AND NOT UBS_BUNDLE)

@@ -16,10 +16,11 @@ packages=(
   g++ cmake ninja-build
   opencl-headers ocl-icd-opencl-dev pocl-opencl-icd          # OpenCL, and a driver for the CPU
   libclblast-dev
-  libopencv-core-dev libopencv-imgproc-dev libopencv-imgcodecs-dev libopencv-videoio-dev
+  libopencv-core-dev libopencv-imgproc-dev libopencv-imgcodecs-dev
   libopencv-features2d-dev libopencv-calib3d-dev
-  # JPEG and PNG decoders that report damage as errors
-  libturbojpeg0-dev libpng-dev
+  # decoders of image files that report damage as errors, and do not change pixels
+  libturbojpeg0-dev libpng-dev libtiff-dev libopenexr-dev
+  libavformat-dev libavcodec-dev libavutil-dev libswscale-dev # videos
   libyaml-cpp-dev zlib1g-dev libzstd-dev pkg-config libcli11-dev libfmt-dev nlohmann-json3-dev libnanoflann-dev libpugixml-dev catch2
   libjs-chart.js                                             # charts of ubs report
   libcpp-httplib-dev                                         # ubs view, ubs train --serve

@@ -149,15 +149,6 @@ void refuse_unread_format(std::string_view head, const std::string& name) {
     fail(ErrorKind::data, "{}: cannot decode: unknown format or damaged file", name);
 }
 
-int replace_tiff_orientation(std::span<unsigned char> file) {
-  const bool tiff = file.size() >= 8 &&
-                    (std::memcmp(file.data(), "II*\0", 4) == 0 || std::memcmp(file.data(), "MM\0*", 4) == 0);
-  const std::size_t at = tiff ? orientation_offset(file) : 0;
-  const int found = orientation_at(file, at);
-  if (at > 0) file[at] = file[0] == 'I', file[at + 1] = file[0] == 'M';
-  return found;
-}
-
 ImageInfo image_file_info(const std::filesystem::path& path) {
   std::size_t bytes = 0;
   std::ifstream stream = open_for_reading(path, bytes);

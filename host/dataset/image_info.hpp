@@ -5,7 +5,6 @@
 #pragma once
 
 #include <filesystem>
-#include <span>
 #include <string>
 #include <string_view>
 
@@ -28,10 +27,6 @@ ImageInfo image_file_info(const std::filesystem::path& path);
 // formats that ubs does not support. For some of them, such as Radiance HDR, a header of a few bytes makes it
 // allocate gigabytes.
 void refuse_unread_format(std::string_view head, const std::string& name);
-
-// Returns the orientation of a TIFF file, and sets it to 1 in the bytes of the file. Returns 1 for other
-// files.
-int replace_tiff_orientation(std::span<unsigned char> file);
 
 // Decodes the file to get its properties; used for formats whose header is not read here.
 ImageInfo decoded_info(const std::filesystem::path& path);

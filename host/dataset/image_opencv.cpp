@@ -1,16 +1,17 @@
 // SPDX-License-Identifier: Apache-2.0
-// This file has the functions of image.hpp and image_info.hpp that decode files with OpenCV.
+// This file has the functions of image.hpp and image_info.hpp that decode files. Each format has its own
+// library; OpenCV decodes WebP, BMP and JPEG files with CMYK.
 #include <algorithm>
 #include <cmath>
-#include <cstring>
 #include <limits>
 #include <opencv2/imgcodecs.hpp>
 #include <span>
+#include <vector>
 
-#include "host/base/environment.hpp"
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
 #include "host/base/warning.hpp"
+#include "host/dataset/exr.hpp"
 #include "host/dataset/image.hpp"
 #include "host/dataset/image_info.hpp"
 #include "host/dataset/jpeg.hpp"
@@ -18,61 +19,52 @@
 #include "host/dataset/png_pixels.hpp"
 #include "host/dataset/resample.hpp"
 #include "host/dataset/stated_image.hpp"
+#include "host/dataset/tiff.hpp"
 
 namespace ubs {
 namespace {
 
-bool is_exr(std::span<const std::byte> bytes) {
-  constexpr unsigned char kMagic[] = {0x76, 0x2f, 0x31, 0x01};
-  return bytes.size() >= sizeof kMagic && std::memcmp(bytes.data(), kMagic, sizeof kMagic) == 0;
-}
+// PixelData holds decoded pixels: integers of 8 or 16 bits, or floats. There is one channel, or three (B, G,
+// R), or four (B, G, R, A).
+struct PixelData {
+  cv::Mat pixels;
+  // The colours are multiplied by alpha. Floats (EXR) always are.
+  bool premultiplied = false;
+  int orientation = 1;  // of a TIFF file
+};
 
-// Decodes an image file. The samples are integers of 8 or 16 bits, or floats. The result has one channel,
-// three (B, G, R) or four (B, G, R, A). Orientation tags are ignored, as in the loader of the published code
-// (Pillow's Image.open), because the cameras of every data set describe the stored pixels. Stores the
-// orientation of a TIFF file in `orientation`, if it is not null.
-cv::Mat decode_image_file(const std::filesystem::path& path, int* orientation = nullptr) {
-  std::vector<std::byte> bytes = read_file(path);
-  if (bytes.empty()) fail(ErrorKind::data, "{}: the image is an empty file", path.string());
+// Decodes an image file. Orientation tags are ignored, as in the loader of the published code (Pillow's
+// Image.open), because the cameras of every data set describe the stored pixels.
+PixelData decode_image_file(const std::filesystem::path& path) {
+  const std::vector<std::byte> bytes = read_file(path);
+  const std::string name = path.string();
+  if (bytes.empty()) fail(ErrorKind::data, "{}: the image is an empty file", name);
   cv::Mat image;
   try {
+    if (is_png(bytes)) return {decode_png(bytes, name)};
+    if (is_exr(bytes)) return {decode_exr(bytes, name), true};
+    if (is_tiff(bytes)) {
+      TiffImage tiff = decode_tiff(bytes, name);
+      return {std::move(tiff.pixels), tiff.premultiplied, tiff.orientation};
+    }
     if (is_jpeg(bytes)) {
-      image = decode_jpeg(bytes, path.string());
-      if (!image.empty()) return image;
+      image = decode_jpeg(bytes, name);
+      if (!image.empty()) return {std::move(image)};
+    } else {
+      refuse_unread_format({reinterpret_cast<const char*>(bytes.data()), bytes.size()}, name);
+      const StatedImage stated = stated_image(bytes, name);
+      require_image_memory(stated.width, stated.height, 4, name);
     }
-    if (is_png(bytes)) return decode_png(bytes, path.string());
-    refuse_unread_format({reinterpret_cast<const char*>(bytes.data()), bytes.size()}, path.string());
-    // OpenCV decodes EXR only if this environment variable is set. The program ubs sets it, but other
-    // programs that use libubs may not.
-    if (is_exr(bytes) && environment("OPENCV_IO_ENABLE_OPENEXR").empty())
-      fail(ErrorKind::data,
-           "{}: OpenCV's decoder of EXR images is disabled in this process: set OPENCV_IO_ENABLE_OPENEXR=1 "
-           "before the program starts, or convert the image to PNG",
-           path.string());
-    if (!is_jpeg(bytes)) {
-      const StatedImage stated = stated_image(bytes, path.string());
-      require_image_memory(stated.width, stated.height, stated.pixel_bytes, path.string());
-    }
-    // OpenCV rotates the pixels of TIFF files as their orientation demands, so the tag is replaced by 1.
-    const int found =
-        replace_tiff_orientation({reinterpret_cast<unsigned char*>(bytes.data()), bytes.size()});
-    if (orientation) *orientation = found;
-    const cv::Mat encoded(1, static_cast<int>(bytes.size()), CV_8U, bytes.data());
+    const cv::Mat encoded(1, static_cast<int>(bytes.size()), CV_8U, const_cast<std::byte*>(bytes.data()));
     image = opencv().imdecode(encoded, cv::IMREAD_UNCHANGED);
   } catch (const cv::Exception& error) {
     fail(error.code == cv::Error::StsNoMem ? ErrorKind::memory : ErrorKind::data, "{}: cannot decode: {}",
-         path.string(), error.err);
+         name, error.err);
   }
-  if (image.empty())
-    fail(ErrorKind::data, "{}: cannot decode: unknown format or damaged file", path.string());
-  // Files with floating-point samples are only supported as EXR, because other formats do not state whether
-  // the values are linear light.
-  const bool exr = path.extension() == ".exr" || path.extension() == ".EXR";
-  if (image.depth() != CV_8U && image.depth() != CV_16U && !(exr && image.depth() == CV_32F))
-    fail(ErrorKind::data, "{}: only 8- and 16-bit images and EXR are supported", path.string());
-  if (image.channels() == 2 || image.channels() > 4)
-    fail(ErrorKind::data, "{}: {} channels are not supported", path.string(), image.channels());
-  return image;
+  if (image.empty()) fail(ErrorKind::data, "{}: cannot decode: unknown format or damaged file", name);
+  if (image.depth() != CV_8U || image.channels() == 2 || image.channels() > 4)
+    fail(ErrorKind::data, "{}: only grey, RGB and RGBA images are supported", name);
+  return {std::move(image)};
 }
 
 std::uint8_t to_8_bit(std::uint8_t v) { return v; }
@@ -82,7 +74,7 @@ std::uint8_t to_8_bit(std::uint16_t v) { return static_cast<std::uint8_t>((v + 1
 // uses double precision like the published code. In double precision, v / 255 * 255 truncates to v for every
 // v from 0 to 255, so the colours of opaque pixels do not change.
 template <typename Sample>
-Image8 composite(const cv::Mat& image, const std::array<double, 3>& background) {
+Image8 composite(const cv::Mat& image, bool premultiplied, const std::array<double, 3>& background) {
   constexpr double kMax = std::numeric_limits<Sample>::max();
   const int channels = image.channels();
   Image8 result{image.cols, image.rows, {}};
@@ -98,7 +90,8 @@ Image8 composite(const cv::Mat& image, const std::array<double, 3>& background) 
           continue;
         }
         const double alpha = in[3] / kMax;
-        const double mixed = value / kMax * alpha + background[static_cast<std::size_t>(c)] * (1.0 - alpha);
+        const double mixed = value / kMax * (premultiplied ? 1.0 : alpha) +
+                             background[static_cast<std::size_t>(c)] * (1.0 - alpha);
         *out++ = static_cast<std::uint8_t>(std::clamp(mixed * 255.0, 0.0, 255.0));
       }
   }
@@ -135,21 +128,19 @@ Image8 composite_linear(const cv::Mat& image, const std::array<double, 3>& backg
   return result;
 }
 
-Image8 composite_any(const cv::Mat& decoded, const std::array<double, 3>& background,
-                     const std::string& name) {
-  if (decoded.depth() == CV_8U) return composite<std::uint8_t>(decoded, background);
-  if (decoded.depth() == CV_16U) return composite<std::uint16_t>(decoded, background);
-  return composite_linear(decoded, background, name);
-}
-
 }  // namespace
 
 Image8 load_image(const std::filesystem::path& path, const std::array<double, 3>& background) {
-  return composite_any(decode_image_file(path), background, path.string());
+  const PixelData image = decode_image_file(path);
+  if (image.pixels.depth() == CV_8U)
+    return composite<std::uint8_t>(image.pixels, image.premultiplied, background);
+  if (image.pixels.depth() == CV_16U)
+    return composite<std::uint16_t>(image.pixels, image.premultiplied, background);
+  return composite_linear(image.pixels, background, path.string());
 }
 
 Image8 load_mask_image(const std::filesystem::path& path, const Image8& image) {
-  const cv::Mat mask = decode_image_file(path);
+  const cv::Mat mask = decode_image_file(path).pixels;
   if (mask.depth() == CV_32F) fail(ErrorKind::data, "{}: a mask must have 8 or 16 bits", path.string());
   // A mask that has another size than the image is accepted if the aspect ratios differ by at most 1 %,
   // because the mask may have been made for the full-size image.
@@ -188,11 +179,8 @@ Image8 load_mask_image(const std::filesystem::path& path, const Image8& image) {
 }
 
 ImageInfo decoded_info(const std::filesystem::path& path) {
-  ImageInfo info;
-  const cv::Mat image = decode_image_file(path, &info.orientation);
-  info.size = {image.cols, image.rows};
-  info.opaque = image.channels() < 4;
-  return info;
+  const PixelData image = decode_image_file(path);
+  return {{image.pixels.cols, image.pixels.rows}, image.orientation, image.pixels.channels() < 4};
 }
 
 }  // namespace ubs

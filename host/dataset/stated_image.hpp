@@ -12,10 +12,9 @@ namespace ubs {
 
 struct StatedImage {
   std::uint64_t width = 0, height = 0;
-  std::uint64_t pixel_bytes = 4;  // upper bound for the memory of a decoded pixel
 };
 
-// Reads TIFF, BMP, WebP and OpenEXR. Throws Error(data) for all other formats, which are not supported, and
+// Reads BMP and WebP. Throws Error(data) for all other formats, which are not supported, and
 // for files that state no size.
 StatedImage stated_image(std::span<const std::byte> file, const std::string& name);
 

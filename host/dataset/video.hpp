@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// These functions open video files and make image sources that deliver their frames, decoded by OpenCV.
+// These functions open video files and make image sources that deliver their frames, decoded by FFmpeg's
+// libraries (video_codec.hpp).
 #pragma once
 
 #include <array>
@@ -14,7 +15,7 @@ class VideoFile;  // a decoder, which frame sources of several threads may share
 
 std::shared_ptr<VideoFile> open_video(const std::filesystem::path& path);
 ImageSize video_size(const VideoFile& video);
-int video_frames(const VideoFile& video);  // returns the number of frames that the container states
+int video_frames(const VideoFile& video);  // counted
 
 // Returns a source of frame `index`, resized to width x height by Pillow's bicubic filter if necessary.
 std::shared_ptr<const ImageSource> video_frame_source(std::shared_ptr<VideoFile> video, int index, int width,

@@ -1,11 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-// VideoWriter writes video files with OpenCV. The extension of the file determines which codecs are tried,
-// and the first codec for which an encoder is available is used. For .mp4, .m4v and .mov these are H.264 and
-// MPEG-4; for .mkv these are H.264, MPEG-4 and Motion JPEG; for .avi it is Motion JPEG. The available
-// encoders are determined at run time.
+// VideoWriter writes video files with the libraries of FFmpeg. The extension of the file determines which
+// codecs are tried, and the first codec for which an encoder is available is used. For .mp4, .m4v, .mov and
+// .mkv these are H.264 and MPEG-4; for .avi it is Motion JPEG. The available encoders are determined at run
+// time. The files state how colours are encoded (video_codec.hpp).
 #pragma once
 
 #include <filesystem>
+#include <functional>
 #include <memory>
 #include <string>
 #include <vector>
@@ -15,6 +16,7 @@
 namespace ubs {
 
 class AtomicFile;
+class VideoEncoder;
 
 // Returns the extensions (".mp4" and so on) that VideoWriter accepts, whether or not an encoder is available.
 std::vector<std::string> video_extensions();
@@ -37,18 +39,19 @@ class VideoWriter {
 
   // Encodes the next frame.
   void write(const Image8& frame);
-  // Completes the file and gives it its name. Throws Error(data) if the file does not contain all frames.
-  // This is checked because encoders do not report a full disk.
+  // Completes the file and gives it its name. Throws Error(data) if it could not be written completely.
   void commit();
   const std::string& codec() const { return codec_; }
 
  private:
-  struct Encoder;
+  // Calls a function of the encoder. Its errors get the name of the file and the number of the frame.
+  void attempt(const std::function<void()>& function) const;
+
   std::filesystem::path path_;
   std::string codec_;
   int width_, height_, frames_ = 0;
   std::unique_ptr<AtomicFile> file_;
-  std::unique_ptr<Encoder> encoder_;
+  std::unique_ptr<VideoEncoder> encoder_;
 };
 
 }  // namespace ubs

@@ -4,6 +4,7 @@
 // Therefore the functions throw an error, except video_extensions(), whose result is a part of a message.
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
+#include "host/dataset/video_codec.hpp"
 #include "host/dataset/video_writer.hpp"
 #include "host/model/picture.hpp"
 
@@ -20,7 +21,6 @@ std::vector<std::string> video_extensions() {
   return {"none, because this program was built without OpenCV"};
 }
 
-struct VideoWriter::Encoder {};
 VideoWriter::VideoWriter(std::filesystem::path, int width, int height, double)
     : width_(width), height_(height) {
   without_opencv();

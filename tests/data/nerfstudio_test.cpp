@@ -3,13 +3,13 @@
 #include <cctype>
 #include <map>
 #include <opencv2/imgcodecs.hpp>
-#include <opencv2/videoio.hpp>
 
 #include "host/dataset/colmap.hpp"
 #include "host/dataset/load_dataset.hpp"
 #include "host/dataset/npy.hpp"
 #include "host/dataset/packed.hpp"
 #include "host/dataset/undistort.hpp"
+#include "host/dataset/video_writer.hpp"
 #include "host/scene/extent.hpp"
 #include "host/scene/frustum_points.hpp"
 #include "tests/support/data.hpp"
@@ -684,13 +684,9 @@ TEST_CASE("n3v: frames of videos become views with times, and the first camera i
   std::vector<double> rows;
   for (int camera = 0; camera < 3; ++camera) {
     add_row(rows, camera);
-    cv::VideoWriter writer((folder / fmt::format("cam0{}.avi", camera)).string(),
-                           cv::VideoWriter::fourcc('M', 'J', 'P', 'G'), 25, {64, 48});
-    if (!writer.isOpened()) {
-      WARN("SKIPPED: OpenCV has no MJPG writer here");
-      return;
-    }
-    for (int f = 0; f < 6; ++f) writer.write(cv::Mat(48, 64, CV_8UC3, cv::Scalar(10, 40 * f, 80 * camera)));
+    VideoWriter writer(folder / fmt::format("cam0{}.avi", camera), 64, 48, 25);
+    for (int f = 0; f < 6; ++f) writer.write(plain_image(64, 48, 80 * camera, 40 * f, 10));
+    writer.commit();
   }
   put_poses(folder / "poses_bounds.npy", rows);
   DatasetOptions options;
@@ -716,13 +712,9 @@ TEST_CASE("n3v: a playlist with the name of a video opens no other file", "[llff
   TempFolder folder;
   std::vector<double> rows;
   {
-    cv::VideoWriter writer((folder / "outside.avi").string(), cv::VideoWriter::fourcc('M', 'J', 'P', 'G'), 25,
-                           {64, 48});
-    if (!writer.isOpened()) {
-      WARN("SKIPPED: OpenCV has no MJPG writer here");
-      return;
-    }
-    for (int f = 0; f < 2; ++f) writer.write(cv::Mat(48, 64, CV_8UC3, cv::Scalar(10, 40, 80)));
+    VideoWriter writer(folder / "outside.avi", 64, 48, 25);
+    for (int f = 0; f < 2; ++f) writer.write(plain_image(64, 48, 80, 40, 10));
+    writer.commit();
   }
   const std::string outside = (folder / "outside.avi").string();
   const std::string playlists[] = {
@@ -833,22 +825,6 @@ TEST_CASE("llff: the error of a COLMAP model with other names mentions the layou
   CHECK_THAT(message_of([&] { load_dataset(folder.path(), options); }), Contains("with --layout llff"));
   options.read.layout = "llff";
   CHECK(load_dataset(folder.path(), options).find("train")->views.size() == 1);
-}
-
-TEST_CASE("image: EXR contains linear light and is converted to sRGB", "[image]") {
-  TempFolder folder;
-  setenv("OPENCV_IO_ENABLE_OPENEXR", "1", 0);
-  const cv::Mat exr(2, 3, CV_32FC3, cv::Scalar(0.0, 0.5, 1.0));  // B G R
-  std::vector<unsigned char> bytes;
-  try {
-    cv::imencode(".exr", exr, bytes);
-  } catch (const cv::Exception&) {
-    WARN("SKIPPED: this OpenCV has no EXR");
-    return;
-  }
-  put(folder / "a.exr", std::string(bytes.begin(), bytes.end()));
-  const Image8 image = load_image(folder / "a.exr");
-  CHECK(std::vector<int>(image.rgb.begin(), image.rgb.begin() + 3) == std::vector<int>{255, 188, 0});
 }
 
 TEST_CASE("llff: the poses of the scene fern are equal to those of its COLMAP model", "[llff][data]") {

@@ -35,33 +35,20 @@ class LittleMemory {
 }  // namespace
 
 TEST_CASE("the size of an image is read from the header of every format that OpenCV decodes") {
-  for (const auto& [extension, type, bytes] : {std::tuple{".tiff", CV_8UC3, 4u},
-                                               {".tiff", CV_16UC1, 8u},
-                                               {".bmp", CV_8UC3, 4u},
-                                               {".bmp", CV_8UC4, 4u},
-                                               {".webp", CV_8UC3, 4u},
-                                               {".webp", CV_8UC4, 4u}}) {
+  for (const auto& [extension, type] :
+       {std::pair{".bmp", CV_8UC3}, {".bmp", CV_8UC4}, {".webp", CV_8UC3}, {".webp", CV_8UC4}}) {
     INFO(extension << " " << type);
     std::vector<unsigned char> file;
     REQUIRE(cv::imencode(extension, cv::Mat(5, 7, type, cv::Scalar::all(9)), file));
     const StatedImage image = stated_image(std::as_bytes(std::span(file)), "a");
     CHECK(image.width == 7);
     CHECK(image.height == 5);
-    CHECK(image.pixel_bytes == bytes);
     for (std::size_t size = 0; size < file.size(); ++size) try {  // no read beyond the end
         stated_image(std::as_bytes(std::span(file).first(size)), "a");
       } catch (const Error& error) {
         CHECK(error.kind() == ErrorKind::data);
       }
   }
-  // OpenCV's encoder of EXR is disabled, so this header is written by hand.
-  std::string exr("\x76\x2f\x31\x01\2\0\0\0", 8);
-  exr += std::string("compression\0compression\0\1\0\0\0\3", 29);
-  exr += std::string("dataWindow\0box2i\0\x10\0\0\0\0\0\0\0\0\0\0\0\6\0\0\0\4\0\0\0\0", 38);
-  const StatedImage image = stated_image(std::as_bytes(std::span(exr)), "a.exr");
-  CHECK(image.width == 7);
-  CHECK(image.height == 5);
-  CHECK(image.pixel_bytes == 16);
 }
 
 TEST_CASE("a small file that states a large image is refused before the memory is allocated") {

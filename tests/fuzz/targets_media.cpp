@@ -54,7 +54,7 @@ void add_encoded(std::vector<std::string>& seeds, const char* extension, int typ
   } catch (const cv::Exception&) {
     return;
   }
-  seeds.emplace_back(1, std::string(extension) == ".exr" ? '\1' : '\0');
+  seeds.emplace_back(1, '\0');
   seeds.back().append(bytes.begin(), bytes.end());
 }
 

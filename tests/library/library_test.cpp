@@ -174,14 +174,6 @@ TEST_CASE("the library does not change the environment of the process") {
   CHECK(added_variables() == std::set<std::string>{});
 }
 
-TEST_CASE("an EXR image is rejected with a message if OpenCV's decoder is disabled") {
-  const Folder folder;
-  run_ubs("synth glossy --size 16 --views 2 --test-views 1 --supersampling 1 --out " + (folder / "data"));
-  const std::string image = folder / "data/train/r_000.png";
-  std::ofstream(image, std::ios::binary) << "\x76\x2f\x31\x01 the rest does not matter";
-  check_error(UBS_ERROR_DATA, "OPENCV_IO_ENABLE_OPENEXR=1", [&] { ubs::Data(folder / "data"); });
-}
-
 // The run of `ubs train` has config.yaml, the other ones give the settings as JSON or through the library.
 // `ubs-lab compare` needs a model, so it gets that of the run.
 TEST_CASE("train, plan, compare and the library decide automatic settings in the same way") {

@@ -25,6 +25,13 @@ inline Image8 gradient_image(int width, int height, int shift = 0) {
   return image;
 }
 
+inline Image8 plain_image(int width, int height, int red, int green, int blue) {
+  Image8 image{width, height, {}};
+  for (int i = 0; i < width * height; ++i)
+    for (const int v : {red, green, blue}) image.rgb.push_back(static_cast<std::uint8_t>(v));
+  return image;
+}
+
 inline void put_image(const std::filesystem::path& path, int width, int height, int shift = 0) {
   std::filesystem::create_directories(path.parent_path());
   save_png(path, gradient_image(width, height, shift));

@@ -161,12 +161,6 @@ void log_to_stderr(LogLevel level, const std::string& text) {
 // Only the executable changes the environment, because the library may run in a process with other code.
 // Variables that the user has set are kept.
 void prepare_environment() {
-  setenv("OPENCV_IO_ENABLE_OPENEXR", "1", 0);  // OpenCV's EXR decoder is disabled by default
-  setenv("OPENCV_FFMPEG_LOGLEVEL", "-8", 0);   // encoders write to stderr; ubs reports their errors itself
-  // Allows FFmpeg to open only these container formats, and only files. host/dataset/video.cpp checks this
-  // too.
-  setenv("OPENCV_FFMPEG_CAPTURE_OPTIONS",
-         "format_whitelist;avi,matroska,mov,mpegts,webm|protocol_whitelist;file", 0);
   keep_driver_caches([](const char* name, const char* value) { setenv(name, value, 1); });
   // The parent may have ignored this signal. Then the exit codes of child processes would be lost.
   std::signal(SIGCHLD, SIG_DFL);
