@@ -112,8 +112,7 @@ TiffPage page_of(TIFF* tiff, const std::string& name) {
   if (page.format != SAMPLEFORMAT_UINT && page.format != SAMPLEFORMAT_VOID)
     fail(ErrorKind::data,
          "{}: only 8- and 16-bit images and EXR are supported: this TIFF file has {} samples, which may or "
-         "may "
-         "not be linear light: convert it to EXR (linear light) or to 16 bits (sRGB)",
+         "may not be linear light: convert it to EXR (linear light) or to 16 bits (sRGB)",
          name, page.format == SAMPLEFORMAT_IEEEFP ? "floating-point" : "signed or complex");
   if (page.bits != 1 && page.bits != 2 && page.bits != 4 && page.bits != 8 && page.bits != 16)
     refuse(fmt::format("only 8- and 16-bit images are supported, not {} bits per sample", page.bits));

@@ -85,7 +85,7 @@ std::size_t count_doubles(const LiveSplats& live, std::size_t step) {
 }  // namespace
 
 double share_of_doubles(const MixedModel& model) {
-  const std::size_t step = model.count() / kMostCompared + 1;
+  const std::size_t step = std::max<std::size_t>(1, (model.count() + kMostCompared - 1) / kMostCompared);
   std::size_t doubles = 0, compared = 0;
   for (const SplatModel& group : model.groups) {
     const LiveSplats live(group);

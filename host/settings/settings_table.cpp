@@ -63,7 +63,7 @@ constexpr double kGrowth = 1.02, kRateOfPositions = 1.6e-4, kNoise = 1e6, kOpaci
 // whose depth is about 4 units, so it corresponds to 4^2 * 1e6 if the unit is the depth. The schedule fast
 // uses 1e6, which gave 0.2 dB more on lego_200 (two seeds).
 constexpr double kNoiseOfDepth = 1.6e7;
-// Of 0.25, 0.35, 0.5 and 0.7, the mean PSNR of four moving scenes was highest with 0.35
+// With 0.35 and 0.5, four moving scenes had about the same mean PSNR, and with 0.25 and 0.7 less
 // (docs/results/2026-12-01-copies.md).
 constexpr double kCopySpread = 0.35;
 
@@ -361,8 +361,8 @@ const Field<S> kTrainingFields[] = {
     decided(
         0,
         {"copy_spread",
-         "random displacement of a copy when splats are relocated and added, in units of its scales; the "
-         "copy and its source become smaller by 1 / sqrt(1 + copy_spread^2). 0: copies are equal to their "
+         "random displacement of a copy when splats are relocated and added, in units of its scales. The "
+         "scales of both are multiplied by 1 / sqrt(1 + copy_spread^2). 0: copies are equal to their "
          "sources, as published; auto: 0.35 with the schedule fast, but 0 if the shape of splats is frozen; "
          "otherwise 0",
          &S::copy_spread, 0, 10},

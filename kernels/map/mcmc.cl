@@ -53,8 +53,7 @@ UBS_KERNEL void mcmc_draw(UBS_GLOBAL const ulong* prefix, UBS_GLOBAL const uint*
   ubs_count(totals);
 }
 
-// Multiplies the spatial size of the splat whose parameters start at p by `shrink`. How fast it moves with the query
-// does not change.
+// Multiplies the spatial size of the splat whose parameters start at p by `shrink`.
 UBS_FN void shrink_splat(UBS_GLOBAL real* p, size_t stride, real shrink) {
   for (int c = 0; c < 3; ++c) {
     UBS_GLOBAL real* scale = p + (kRowScale + c) * stride;
@@ -62,7 +61,8 @@ UBS_FN void shrink_splat(UBS_GLOBAL real* p, size_t stride, real shrink) {
   }
   // With cholesky, these are the other entries of M.
   for (int m = 0; m < (UBS_COV_PARAM == UBS_COV_CHOLESKY ? kFrameRots : 0); ++m) p[frame_row(m) * stride] *= shrink;
-  // Otherwise, the motion is proportional to the size and to these entries of L (Lqx, or Theta of direct.h).
+  // The covariance of position and query, M Lqx^T, or the motion with direct conditioning, which is proportional to the
+  // size and to Theta (direct.h), do not change. With skew_nd, only the size changes.
   for (int q = 0; q < (UBS_COV_PARAM == UBS_COV_SKEW_ND ? 0 : UBS_C); ++q)
     for (int c = 0; c < 3; ++c) p[(kRowL + UBS_TRIANGLE(3 + q, c)) * stride] *= R(1.0) / shrink;
 }
